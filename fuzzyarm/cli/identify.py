@@ -63,8 +63,8 @@ class Options:
         arm = chosen_arm(self.robot, None)
         if not isinstance(arm, ArmParameters):
             raise UsageError(
-                f"--robot {self.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by "
-                "the fields of ArmParameters"
+                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; allowed: two-joint arms "
+                "given as ArmParameters"
             )
         return _identify(self, arm, self.log) if self.log is not None else _suggest(self, arm)
 

@@ -294,7 +294,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             TypeError: the state is not a dictionary.
             ValueError: the state belongs to an environment with other arguments or is impossible. The environment is
-            unchanged.
+                unchanged.
         """
         mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:

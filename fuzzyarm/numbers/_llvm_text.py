@@ -393,7 +393,7 @@ class _Writer:
                 self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
 
     def pointer(self, port: int, k: str) -> str:
-        """Return the pointer to number k of the group's first arm, or those of all of them in rows."""
+        """Return the pointer to number k of the group's first arm, or for rows the pointers of all its arms."""
         layout, kind = self.layouts[port], "i64"
         apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
         step = self.new(f"mul i64 {k}, {apart}")

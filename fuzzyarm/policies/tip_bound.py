@@ -189,7 +189,7 @@ def find_bound(
         claim: the claim to prove.
         advance: called after each control step.
         claims: tubes of a file, to be confirmed; None to search for them.
-        policy: the policy itself, for one without a name; None for the one of the claim's name.
+        policy: the policy object if it has no name; None to load it by the claim's name.
 
     Raises:
         NoBound: there is no bound; the message says when and why it fails.

@@ -80,7 +80,7 @@ def bounds_of_cells(
 
 
 def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
-    """Yield the bound of the cell that is the claim's set, or those of its parts after up to so many halvings.
+    """Yield the bound of the cell that is the claim's set, or of its parts after up to `halvings` halvings.
 
     `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.
     """

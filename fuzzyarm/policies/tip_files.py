@@ -72,7 +72,7 @@ class _Claimed:
         return cls(plants=claim.plants.to_dict(), **{name: getattr(claim, name) for name in names}, **others)
 
     def claim(self, samples: int) -> TipClaim:
-        """Return the claim for so many samples, once the bound is checked."""
+        """Return the claim for `samples` samples of a checked bound."""
         real("bound", self.bound, "m", low=0.0, high=_LARGEST)
         plants = record(self.plants, PlantSet)
         if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated

@@ -55,7 +55,7 @@ class TunedLaws:
             if not name.isprintable() or any(mark in name for mark in "/\\:"):
                 raise ValueError(f"policies: {name!a} is not the name of a policy in the folder")
             if inner in LAWS and given[inner] is None:
-                raise ValueError(f"policies: {name} is there, but the numbers of {inner} are not")
+                raise ValueError(f"policies: {name} is present, but the parameters of {inner} are missing")
 
     @classmethod
     def read(cls, folder: Path, arm: AnyArm) -> TunedLaws:

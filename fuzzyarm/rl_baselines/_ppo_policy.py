@@ -70,9 +70,10 @@ NOISE = 0.05
 class GuidedPolicy(ActorCriticPolicy):
     """The networks of `stable_baselines3.PPO`, with two changes.
 
-    The policy sees all features but the last `unseen`, the value function all. With a `smoothness` λ, the entropy term
-    of PPO is -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for action policy
-    smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative mean.
+    The policy observes all features except the last `unseen`, the value function all. With a `smoothness` λ, the
+    entropy term of PPO is -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for
+    action policy smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative
+    mean.
     """
 
     def __init__(self, *arguments: Any, unseen: int = 0, smoothness: float = 0.0, **others: Any) -> None:

@@ -41,7 +41,7 @@ class StableBaselinesVecEnv(VecEnv):
 
     Args:
         envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped, which must then not be stepped elsewhere;
-        `learning_envs` makes it for ``FuzzyArmLearn-v0``.
+            `learning_envs` makes it for ``FuzzyArmLearn-v0``.
 
     Raises:
         ValueError: the environment does not reset itself within the step.

@@ -36,7 +36,7 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
         history: number of past errors and actions that are also observed, with the leaky integral of the error.
         early_end: tip error that ends an episode [m].
         arguments: those of `TorchFuzzyArm` except the control period, which is the 2 ms for which an action is held.
-        Without a case, disturbance or reference an episode draws from `learning_draws`.
+            Without a case, disturbance or reference an episode draws from `learning_draws`.
 
     Raises:
         TypeError, ValueError: see `TorchFuzzyArm`.

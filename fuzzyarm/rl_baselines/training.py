@@ -122,8 +122,8 @@ class Training:
             )
         if config.total_timesteps < done:
             raise ValueError(
-                f"total_timesteps = {config.total_timesteps} is below the {done} steps that {folder} has done already; "
-                "give a larger number, or start another training"
+                f"total_timesteps = {config.total_timesteps} is below the {done} steps already done in {folder}; "
+                "give a larger number, or start a new training run"
             )
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:

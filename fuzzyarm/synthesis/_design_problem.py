@@ -160,9 +160,9 @@ class DesignProblem:
             specification: the requirements; of gamma and gain_bound the one that is None is minimised.
             parameters: the arm, default Table 1.
             scale: size of P, relative to a value that suits most designs. It matters if the gains are minimised, which
-            are bounded through the smallest eigenvalue of P; otherwise it is only a unit.
+                are bounded through the smallest eigenvalue of P; otherwise it is only a unit.
             vertex: write only the inequalities of this vertex of A: necessary conditions, without a controller. None
-            for all vertices.
+                for all vertices.
         """
         given = self.specification = instance("specification", specification, Specification)
         arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)

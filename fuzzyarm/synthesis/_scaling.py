@@ -42,7 +42,7 @@ class Scaling:
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
         """Choose the units for an arm by the geometric mean of each joint's inertia and the mean inertia.
 
-        Inertias alone would favour equal bandwidths, no inertias equal stiffness of the two joints.
+        Units by each joint's inertia alone favour equal bandwidths of both joints; units without it, equal stiffness.
         """
         arm, time = arm_constants(parameters), REFERENCE_POLE
         inertia = np.array(parameters.motor_inertia) + np.array([arm.c1, arm.c3])

@@ -123,7 +123,7 @@ def test_a_log_that_tells_no_arm_says_why(log):
     for call, message in (
         (
             lambda: identify(Log(1e-3, angle, np.full((1000, 2), 3.0)), TRUTH),
-            r"does not tell inertia\[0\], .*coulomb_friction\[1\] .*--suggest",
+            r"does not determine inertia\[0\], .*coulomb_friction\[1\] .*--suggest",
         ),
         (lambda: identify(dataclasses.replace(log, **still), TRUTH), r"motor_inertia\[1\]"),
         (

@@ -180,7 +180,7 @@ def test_the_folder_of_another_arm_is_refused(folder):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"bandwidth": None}, "numbers of computed-torque are not"),
+        ({"bandwidth": None}, "parameters of computed-torque are missing"),
         ({"bandwidth": -1.0}, "bandwidth"),
         ({"observer": {"a\nb": 1.0}}, "missing or unknown"),
         ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),

@@ -199,7 +199,7 @@ def _square(turning: Vector) -> Inertia:
 
 
 def _motion(square: Inertia, rising: Vector) -> _Matrix:
-    """Return U = [α]× + [ω]×² of ω ωᵀ and α."""
+    """Return U = [α]× + [ω]×², given ω ωᵀ and α."""
     (xx, xy, xz, yy, yz, zz), (ax, ay, az) = square, rising
     return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
 

@@ -38,7 +38,7 @@ class BenchConfig:
         lanes: sizes of the batches in the table; peers are measured up to 4096 lanes, torch from there on.
         threads: CPU threads that a batch may use, at most one per core.
         lanes_sweep: also measure batches of 1, 4, 16, ... 262144 lanes and draw throughput.png; takes a few minutes and
-        needs --out.
+            needs --out.
     """
 
     seconds: float = 0.5

@@ -52,7 +52,7 @@ def episodes(
 
     Args:
         env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another with that `step`; a lane of a batch that has
-        ended begins another episode, which is ignored, and the policy's memory is reset.
+            ended begins another episode, which is ignored, and the policy's memory is reset.
         policy: the policy that acts.
         start: the observation (10,) or (lanes, 10) and the info of ``env.reset``.
         sense: returns the observation that the policy gets, given observation and info; default: the observation.

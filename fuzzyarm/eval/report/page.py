@@ -41,7 +41,7 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
 
     Raises:
         ValueError: the folder holds no evaluation, or a damaged or mixed one, or a bound is not proven or belongs to no
-        episode of the evaluation; nothing is written.
+            episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
     out, stored = path_of("out", out), read_evaluation(path_of("folder", folder))

@@ -170,7 +170,7 @@ def _linearise(
     if loop is None:
         raise ValueError(
             f"no equilibrium within {_NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
-            "policy not hold still there?"
+            "policy not come to rest there?"
         )
     # The torque must stay below its limits within the steps of the differences as well: a clipped torque has no slope.
     slope = np.abs(loop.law[arm.torque, arm.plant]).max(axis=1)

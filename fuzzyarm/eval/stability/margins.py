@@ -82,7 +82,7 @@ class MarginsConfig:
 
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of `fuzzyarm
-        tune`, otherwise all named ones, for a robot `ANY_ROBOT`.
+            tune`, otherwise all named ones, for a robot `ANY_ROBOT`.
         robot: for both plant and policies, as for `chosen_arm`; None: Table 1.
     """
 

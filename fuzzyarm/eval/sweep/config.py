@@ -57,7 +57,7 @@ class SweepConfig:
 
     Attributes:
         policies: policies to run: names, controller files (.json), folders of learned policies, or your own code as
-        package.module:factory, which must act on batches.
+            package.module:factory, which must act on batches.
         cases: named cases to run each plant in.
         parameters: the two-joint arm that the plants are drawn around, and that the policies are loaded for.
         robot: another robot, instead of the two-joint arm.
@@ -68,7 +68,7 @@ class SweepConfig:
             (loads with encoder noise and delay).
         ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
         grid: set a quantity to NUMBER values from LOW to HIGH, equal in all joints; give it twice for a two-dimensional
-        grid. The other quantities are drawn.
+            grid. The other quantities are drawn.
         chunk: plants in a chunk, which one worker runs and one file holds.
         bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
         worst: number of worst plants listed for replay, of each policy in each case.

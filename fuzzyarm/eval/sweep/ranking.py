@@ -108,7 +108,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
 
 
 def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], dict[str, Any], str]:
-    """Return the standings of a file, the conditions that files ranked together must share, and these in words."""
+    """Return a file's standings and the conditions, as data and in words, that jointly ranked files must share."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:

@@ -90,7 +90,7 @@ def motor_error(policy: Policy, arm: ArmParameters) -> float:
 
 
 def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
-    """Return weights (n,), in their own units, rounded to so many digits."""
+    """Return weights (n,), in their own units, rounded to `digits` digits."""
     return [float(f"{value:.{digits}g}") for value in weights]
 
 

@@ -115,7 +115,7 @@ def check_curve(arm: Arm) -> None:
         rest = curve.series(arb(0))
         fits = rest[0].overlaps(curve.static) and rest[1] <= 0
         if not (fits and all(curve.meets(*each) for each in curve.conditions())):
-            raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
+            raise NoBound(f"the friction of motor {joint + 1} does not match the parameters of its curve: {STRIBECK}")
 
 
 class Plan(enum.Enum):

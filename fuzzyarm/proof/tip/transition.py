@@ -90,7 +90,7 @@ class Linear(NamedTuple):
             slip: derivative of the friction torque by velocity (2,) [N m s/rad].
             still: whether friction holds a motor still; its rows are zero.
             given: whether the velocity of a motor is bounded separately. Then it is not a state, and the motor's
-            channel represents it, in rad/s.
+                channel represents it, in rad/s.
             products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
         """
         mass, stiff, damp = links

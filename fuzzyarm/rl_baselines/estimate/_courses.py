@@ -80,7 +80,7 @@ class TravelForce:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Courses:
-    """Lanes with their draws."""
+    """The drawn plants, loads, sensors and references of lanes."""
 
     lanes: Lanes  # the arms
     start: np.ndarray  # (lanes, 4 n) where episodes begin; nan: at rest on the reference

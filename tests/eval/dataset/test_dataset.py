@@ -104,7 +104,7 @@ def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, caps
     own = provenance_of(open_dataset(tmp_path / name))
     assert own["settings"]["seed"] == 4 and list(own["policies"]) == list(policies)
     assert main(words) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fuzzyarm"]
 
 

@@ -113,7 +113,7 @@ def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folde
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
     capsys.readouterr()
     (folder / "chunks" / "000000.npz").write_bytes((other / "chunks" / "000000.npz").read_bytes())
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "is of another sweep")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "belongs to another sweep")
 
 
 def run_file(change):
@@ -129,7 +129,7 @@ def cut(folder):
 @pytest.mark.parametrize(
     ("change", "words", "expected"),
     [
-        (lambda folder: None, QUICK, "holds a sweep already"),
+        (lambda folder: None, QUICK, "already holds a sweep"),
         (lambda folder: None, ["--resume", "--plants", "7"], "choose another --out"),
         (lambda folder: None, ["--resume", "--policy", "fuzzy-2"], "choose another --out"),
         (lambda folder: None, ["--resume", "--robot", "cicese"], "with other settings ("),

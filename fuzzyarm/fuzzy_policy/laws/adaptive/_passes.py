@@ -4,7 +4,7 @@ A pass is an episode along one reference. A state keeps what was measured and co
 force that explains all measurements, given the final estimates of the arm's constants, the payload and the delay. The
 force of pass j is the expected force plus f of `_Smoother`,
 
-    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
+    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a zero-phase Butterworth filter,
 
 with the direction of travel t. The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces
 estimated while the constants changed would count twice any part moved from a force to the payload.

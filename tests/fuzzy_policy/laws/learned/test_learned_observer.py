@@ -205,7 +205,7 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
         (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
         (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
         (edited(control_period=5.0), "control_period"),
-        (edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}), "it names no arm, or two"),
+        (edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}), "it must name one arm"),
     ],
 )
 def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):

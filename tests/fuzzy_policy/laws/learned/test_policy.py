@@ -157,8 +157,8 @@ def test_a_bundle_is_for_its_arm_alone(tmp_path):
     robot_bundle(Robot.of(OTHER_ARM)).save(tmp_path / "other")
     assert load_policy(tmp_path / "other", robot=OTHER_ARM).parameters == OTHER_ARM
     for policy, robot, message in (
-        (mine, "ur5", r"^mine was trained on planar-3r and knows no other"),
-        (mine, "paper", r"^mine was trained on planar-3r and knows no other"),
+        (mine, "ur5", r"^mine was trained on planar-3r and works on no other"),
+        (mine, "paper", r"^mine was trained on planar-3r and works on no other"),
         (mine, dataclasses.replace(ROBOT, gravity=(9.8, 0.0, 0.0)), "^mine was trained on planar-3r"),
         (tmp_path / "red", "ur5", r"red was trained on \\x1b"),
         (tmp_path / "other", None, "other was trained on two-joint arm"),

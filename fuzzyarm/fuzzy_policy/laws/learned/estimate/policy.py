@@ -67,7 +67,7 @@ class _Memory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """The law of the module's docstring; its memory holds that of both laws, the last ρ, and h."""
+    """The law of the module's docstring; its memory holds the memories of both laws, the last ρ, and h."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3

@@ -143,13 +143,13 @@ _ContextParts = namedtuple(
 
 @functools.cache
 def unexplained_parts(joints: int, axes: int) -> _UnexplainedParts:
-    """Return where the parts of z lie for so many joints and axes of the tip's space."""
+    """Return where the parts of z lie for given numbers of joints and tip axes."""
     return _UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
 
 
 @functools.cache
 def context_parts(joints: int, axes: int) -> _ContextParts:
-    """Return where the parts of c lie for so many joints and axes of the tip's space."""
+    """Return where the parts of c lie for given numbers of joints and tip axes."""
     return _ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
 
 
