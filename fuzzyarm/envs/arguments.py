@@ -59,7 +59,7 @@ def check_options(options: dict[str, Any]) -> None:
 
 
 def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scenario:
-    """Return the scenario that reset options ask for."""
+    """Return the scenario requested by reset options."""
     check_options(options)
     disturbance, reference = own
     if "case" in options or "disturbance" in options:

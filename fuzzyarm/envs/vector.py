@@ -365,7 +365,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return arguments.each_lane(chosen, arguments.per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
-        """Return the scenarios that reset options ask for, None if they ask for none."""
+        """Return the scenarios requested by reset options, or None."""
         if not options:
             return None
 

@@ -5,7 +5,7 @@ Row k has the measurements at t_k and the torque that the motors held from t_k t
     time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2      [s, rad, rad/s, N m]
 
 Angles and velocities of the motors refer to the joint's side of the gear. The two velocity columns are optional. The
-columns may stand in any order, and further columns are not read.
+columns may be in any order, and other columns are ignored.
 
 `Log.smoothed` returns angles, velocities and accelerations without a shift in time: a Butterworth filter of order 4
 runs forwards and backwards over the measurements, and derivatives are central differences of its output. The torque

@@ -10,7 +10,7 @@ is for (`ArmParameters`); each is passed by name if the factory has a parameter 
 
 as in `Policy.predict`: ``observation`` (10,) as `FuzzyArmEnv` gives it, ``action`` (2,) motor torques [N m],
 ``state`` whatever the policy needs at the next call, None when an episode begins. A policy that keeps its memory
-elsewhere has to reset it itself where ``episode_start`` is true.
+elsewhere must reset it when ``episode_start`` is true.
 
 That is enough for `fuzzyarm evaluate`. Tools that run many arms at once pass (lanes, 10) and need (lanes, 2) back,
 with a state that has one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None or an

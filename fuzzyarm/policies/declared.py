@@ -1,8 +1,8 @@
 """The declaration of each policy, which shows where a comparison of control and learning is unequal.
 
-A declaration says for which objective and on which plants a policy was tuned, what it knows of the arm beforehand, what
-it observes, and what it remembers from one sample to the next. Policies of the package are declared here by name, files
-and folders by their content, and the user's own code by its attribute ``declared`` (`user_code`).
+A declaration says for which objective and on which plants a policy was tuned, its prior knowledge of the arm, its
+observations, and its memory between samples. Policies of the package are declared here by name, files and folders by
+their content, and the user's own code by its attribute ``declared`` (`user_code`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The checkpoint of a training run: one file, replaced atomically, so that a complete one always exists.
 
-The file is a line, ``fuzzyarm-checkpoint/3 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
-It is read with ``weights_only=True``: no code in it is run. `check_like` compares its content with that of a new
+The file is a line, ``fuzzyarm-checkpoint/3 SHA256``, followed by the output of `torch.save` for tensors, numbers and
+text. It is read with ``weights_only=True``: no code in it is run. `check_like` compares its content with that of a new
 training of the same configuration: no part of a state is used before all of it fits.
 """
 

@@ -32,7 +32,7 @@ class Angle:
 
     @classmethod
     def __torch_function__(cls, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        """Return tensor + angle, or compare them, which is what torch.compile makes of angle + tensor and so on."""
+        """Return tensor + angle, or compare them, since torch.compile reorders angle + tensor and so on."""
         if function in (torch.Tensor.le, torch.Tensor.ge):
             limit, angle = arguments
             return function(limit, angle.value)
@@ -106,7 +106,7 @@ class Table:
 class Word:
     """Words of 64 bits, unsigned, for `fuzzyarm.envs.batch.randomness`; torch has no arithmetic for its uint64.
 
-    int64 computes like uint64, except for shifts. `bits` are (lanes,), `dtype` is that of numbers made of them.
+    int64 computes like uint64, except for shifts. `bits` are (lanes,), `dtype` is that of numbers converted from them.
     """
 
     def __init__(self, bits: Tensor, dtype: torch.dtype) -> None:

@@ -128,7 +128,7 @@ def test_a_log_that_tells_no_arm_says_why(log):
         (lambda: identify(dataclasses.replace(log, **still), TRUTH), r"motor_inertia\[1\]"),
         (
             lambda: identify(dataclasses.replace(log, torque=-log.torque), TRUTH),
-            r"no arm: least squares give inertia\[0\], .* below 0; check signs and units",
+            r"no valid arm: least squares give inertia\[0\], .* below 0; check signs and units",
         ),
         (lambda: suggested(weak), r"to hold itself .*allowed: 0.6 times torque_limit"),
     ):
@@ -192,7 +192,7 @@ def test_a_bad_log_is_refused_in_one_line(log, tmp_path, capsys, change, message
     ("words", "message"),
     [
         (["log.csv", "--suggest", "motion.csv"], "give either a LOG or --suggest FILE"),
-        (["log.csv", "--duration", "9"], "--duration is that of --suggest"),
+        (["log.csv", "--duration", "9"], "--duration is for --suggest only"),
         (["log.csv", "--out", "arm.json"], "--out arm.json must be a file ending in .toml"),
         (["log.csv", "--figure", "arm.svg"], "--figure arm.svg must be a file ending in .png"),
         (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out with --suggest"),

@@ -102,7 +102,7 @@ def test_code_that_a_file_names_is_not_imported_for_its_digest(tmp_path, monkeyp
     description["action"]["base"] = "my_trap:factory"
     Path("mine/policy.json").write_text(json.dumps(description))
     assert list(resolve("mine").files()) == ["policy.json"]
-    with pytest.raises(ValueError, match="base 'my_trap:factory', which is none of"):
+    with pytest.raises(ValueError, match="base 'my_trap:factory', which is not one of"):
         resolve("mine", run_code=True).load()
     with pytest.raises(ValueError, match="names code"):
         resolve("my_trap:factory").files()
@@ -149,7 +149,7 @@ class TestAddedPolicy:
 
     def test_names_that_are_taken_or_mean_something_else_are_refused(self):
         for name in ("", "a-tip", "a.json", "a/b", "a:b", "a\\b", "fuzzy-4"):
-            with pytest.raises(ValueError, match=r"cannot name a policy|there is a policy 'fuzzy-4' already"):
+            with pytest.raises(ValueError, match=r"cannot name a policy|policy 'fuzzy-4' already exists"):
                 add_policy(name, ComputedTorquePolicy)
 
 

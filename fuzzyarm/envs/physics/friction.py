@@ -60,7 +60,7 @@ STRIBECK = _FrictionCurve(
 def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
     """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
 
-    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] is what the friction has to hold at rest; F(0) = Γ_fs.
+    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] must be held by the friction at rest; F(0) = Γ_fs.
     """
     slip = -stribeck_magnitude(velocity, dry) * sign(velocity)
     stick = -smaller(abs(net_torque), dry.static_friction) * sign(net_torque)

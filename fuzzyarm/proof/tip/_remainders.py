@@ -16,8 +16,8 @@ and the nonlinear parts of the uncertain constants' torques along the centre. Th
     mass, payload, force   -Δp R_p on the links.
 
 A constant keeps its value, so its column of the zonotope is driven by the signal with one fixed factor in [-1, 1].
-A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel stands for the velocity, and
-that bound holds what the torques of the constants do (`Friction.driving`).
+A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel represents the velocity, and
+that bound includes the torques of the constants (`Friction.driving`).
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class _Curve:
         return (-self.steepest if inside else min(lows)) - left, max(highs) + left
 
     def conditions(self) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
-        """Yield ranges of speeds [rad/s], each with the condition that the series of F has to meet on balls in it."""
+        """Yield ranges of speeds [rad/s], each with the condition on the series of F over balls in it."""
         steepest, static = arb(self.steepest), self.static
         far = [_FAR * self.after * 2.0**k for k in range(_DOUBLINGS + 1)]
         limit = self.series(arb(far[-1]))[0]

@@ -71,7 +71,7 @@ def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.nda
 
     The farthest point v of a symmetric set with reach h is seen from the nearest of the `_COARSE` directions c under an
     angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c
-    are the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
+    are the others needed. The two sets are the deviations, without and with the centre's own error.
     """
     coarse = np.arange(0, _DIRECTIONS, _COARSE)
     reach, reached = np.zeros(_DIRECTIONS), np.zeros(_DIRECTIONS, dtype=bool)

@@ -9,11 +9,10 @@ draws all lanes have the known arm. Loads are a payload at the tip and one force
 
 v the velocity of the tip and Q a rotation: by nothing (along the course) or by any angle (across it). Pushes have any
 direction in which the tip can move, a plane or space; Q turns in that plane, or in space about any axis. Forces,
-payloads and millimetres are those of Table 1 times the numbers of `units.scale_of`: of a robot, what asks for the same
-share of a motor's torque limit along its default course, and ratios of reaches. Encoders are
-noisy in half of the lanes, in half of these only by rounding errors; torques are delayed in a quarter of them, by 0.5
-to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again, because infeasible
-motions teach nothing.
+payloads and millimetres are those of Table 1 times the numbers of `units.scale_of`: for a robot, they use the same
+share of a motor's torque limit along its default course, or scale with the reach. Encoders are noisy in half of the
+lanes, in half of these only by rounding errors; torques are delayed in a quarter of them, by 0.5 to 2 control periods.
+Lanes that need more than nine tenths of the torque limits are drawn again, because infeasible motions teach nothing.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class Drive:
         return arrived
 
     def _step(self, torque: np.ndarray) -> float:
-        """Advance all lanes, begin again where an episode ended, and return the mean squared tip error [m²]."""
+        """Advance all lanes, restart ended episodes, and return the mean squared tip error [m²]."""
         observation, _, scalars = self._lanes.step(torque)
         self._observation = observation.copy()
         self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)

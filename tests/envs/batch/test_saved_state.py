@@ -39,7 +39,7 @@ BAD = [
     (changed("drawn", (-1, 0), 1e12), "differs from what the keys of its episodes draw"),
     (changed("drawn", (-1, 0), np.nan), "not finite"),
     (changed("values", (0, 0), np.nan), "not finite"),
-    (changed("values", (12, 0), 1.0), "holds other arms"),
+    (changed("values", (12, 0), 1.0), "differs from the arms"),
     (lambda state: state.update(values=state["values"][:, :1]), "needed: an array float64"),
     (lambda state: state.update(clock=state["clock"].astype(float)), "needed: an array int64"),
     (lambda state: state.update(values=state["values"].astype(">f8")), "needed: an array float64"),

@@ -199,7 +199,7 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     [
         *((words, f"leave out {words[0]}") for words in (["--case", "nominal"], ["--robot", "arm.toml"], ["--json"])),
         (["--seeds", "0"], "leave out --seeds"),
-        (["--policy", "fuzzy-4"], "--policy fuzzy-4: beside --check"),
+        (["--policy", "fuzzy-4"], "--policy fuzzy-4: with --check"),
     ],
 )
 def test_options_that_the_file_decides_are_refused(folder, document, capsys, options, message):

@@ -92,7 +92,7 @@ def test_episodes_that_were_not_asked_for(evaluation, tmp_path, capsys):
     change(folder, config=document["config"] | {"cases": ["machining", "nominal"]})
     assert "where the row of ('machining', " in refusal(folder, capsys)
     change(folder, results=sorted(document["results"], key=lambda row: row["case"]))
-    assert "other episodes" in refusal(folder, capsys)
+    assert "does not hold the episodes of its configuration" in refusal(folder, capsys)
 
 
 FIELDS = [field.name for field in dataclasses.fields(Rollout)]

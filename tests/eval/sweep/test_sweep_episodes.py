@@ -294,7 +294,7 @@ def test_a_grid_alone_varies_nothing_else_and_has_one_plant_in_a_cell():
         ({"grid": (GRID[0], GRID[0])}, "two different quantities"),
         ({"grid": (GRID[0], ("payload", 5.0, 5.0, 2))}, "low must be below high"),
         ({"grid": (GRID[0], ("payload", 0.0, 5.0, 1))}, "= 1 is out of range; allowed: 2, 3"),
-        ({"grid": (GRID[0], ("delay", 0.0, 2.0, 4))}, "no whole control periods"),
+        ({"grid": (GRID[0], ("delay", 0.0, 2.0, 4))}, "not whole control periods"),
         ({"grid": GRID, "distribution": "nominal", "plants": 2}, "the same run"),
         ({"grid": GRID, "map": ("mass_1", "mass_2")}, "a grid are over its own two"),
         ({"map": ("mass_1", "noise")}, "choose from: mass_1"),

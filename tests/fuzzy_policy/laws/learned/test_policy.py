@@ -107,7 +107,7 @@ def test_a_folder_is_the_policy_it_holds_and_its_base_comes_with_it(tmp_path, ac
     bundle(ActionDefinition((0.01, 0.01), base="/somewhere/else.json")).save(tmp_path / "strange")
     with pytest.raises(ValueError, match="which is not one of: fuzzy-32"):
         load_policy(tmp_path / "strange")
-    with pytest.raises(ValueError, match=r"no policy, whose folder holds policy\.json and weights"):
+    with pytest.raises(ValueError, match=r"is not a policy, whose folder holds policy\.json and weights"):
         load_policy(tmp_path)
 
 

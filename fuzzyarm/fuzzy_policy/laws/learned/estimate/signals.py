@@ -79,8 +79,8 @@ def scale_of(arm: AnyArm) -> _Scale:
     """Return the scale of an arm.
 
     For the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
-    reach. A robot's last motors may be far weaker than its first ones: its forces and masses are those that ask for the
-    same share of a torque limit as Table 1's, see `load_scale`.
+    reach. A robot's last motors may be far weaker than its first ones: its forces and masses use the same share of a
+    torque limit as those of Table 1, see `load_scale`.
     """
     paper = ArmParameters()
     if isinstance(arm, Robot):
