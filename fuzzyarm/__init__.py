@@ -1,7 +1,7 @@
-"""FuzzyArm: a two-joint robot arm to track circles with, and controllers that come with a proof.
+"""FuzzyArm: a two-joint robot arm for tracking tasks, and controllers with machine-checked proofs.
 
 Importing the package registers ``FuzzyArm-v0`` and ``FuzzyArmLearn-v0`` with Gymnasium and loads no heavy module: the
-other names below are loaded when they are first asked for.
+other names below are loaded at their first use.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ def test_wrong_numbers_of_steps_are_refused(script, run, capsys):
 def test_a_data_set_that_does_not_fit_is_refused_in_one_line(script, run, monkeypatch, tmp_path, capsys):
     monkeypatch.syspath_prepend(EXAMPLES)  # as if it were run by its path: one imports the other
     for words, installed, message in (
-        ([], True, "is no data set; fuzzyarm dataset --out DIR writes one"),
+        ([], True, "is not a data set; fuzzyarm dataset --out DIR writes one"),
         (["--seconds", "0"], True, "seconds = 0.0 is out of range; allowed: more than 0"),
         ([], False, 'pip install -c constraints.txt -e ".[datasets]"'),
     ):

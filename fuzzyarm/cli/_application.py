@@ -1,10 +1,10 @@
-"""The command `fuzzyarm`: its commands in groups, and the exit code and the one line that an error becomes.
+"""The command `fuzzyarm`: its commands in groups, and the exit code and one-line message of an error.
 
 A command is a module of this package with a frozen dataclass `Options`, whose fields are its options and whose method
 `run` returns the exit code. The docstring of `Options` and the texts after its fields are the help, in Markdown. Only
-the module of the requested command is imported; the code that it computes with is imported in `run`.
+the module of the requested command is imported; its computational code is imported in `run`.
 
-Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the reader of a pipe has left.
+Exit codes: 0 success, 1 a failed result, 2 bad usage, 130 interrupted, 141 the reader of a pipe has left.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
     """Return the parser of the command line.
 
     Args:
-        words: words of the command line; only the modules that they need are imported. None: all are.
+        words: words of the command line; only the modules that they need are imported. None imports all.
     """
     flags = cyclopts.Group("Options", sort_key=0)
     made = cyclopts.App(

@@ -37,7 +37,7 @@ def named_as_option(message: str, config: type) -> str:
 
 
 def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[_Options]], type[_Options]]:
-    """Return a decorator of options, a frozen dataclass, that adds an option for each field of a configuration.
+    """Return a decorator that adds an option for each field of a configuration to a frozen dataclass.
 
     An option that is not given is None; `chosen` then keeps the value of its starting configuration.
 
@@ -55,7 +55,7 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
             if field.name not in without
         ]
         settings = dataclasses.make_dataclass(f"{config.__name__}Options", added, frozen=True, kw_only=True)
-        # The settings stand in front of the options that are no settings: fields of the last base come first.
+        # The settings precede the other options: fields of the last base come first.
         made = dataclasses.make_dataclass(options.__name__, [], bases=(options, settings), frozen=True, kw_only=True)
         made.__doc__, made.__module__ = options.__doc__, options.__module__
         return made
@@ -64,13 +64,13 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
 
 
 def given(options: object, config: type) -> dict[str, Any]:
-    """Return the fields of a configuration that the command line gave, by name."""
+    """Return the fields of a configuration that were set on the command line, by name."""
     values = {field.name: getattr(options, field.name, None) for field in dataclasses.fields(config)}
     return {name: value for name, value in values.items() if value is not None}
 
 
 def chosen(options: object, start: _Config) -> _Config:
-    """Return a configuration with the fields changed that the command line gave; ValueError if it refuses a value."""
+    """Return a configuration with the fields set on the command line; ValueError if it refuses a value."""
     changed: _Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
     return changed
 

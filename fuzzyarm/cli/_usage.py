@@ -1,4 +1,4 @@
-"""The error of bad usage, and the checks of files and folders that commands share."""
+"""The error for bad usage, and checks of files and folders shared by commands."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class UsageError(Exception):
 def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
     """Make a folder if needed, unless `make` is false, and let no other command write to it while the block runs.
 
-    A folder that was made and is still empty at the end, since the command was refused, is removed. UsageError before
-    anything is computed if the folder cannot be made or written to; ValueError if another process writes to it.
+    A new folder that is still empty at the end, because the command was refused, is removed. UsageError before any
+    computation if the folder cannot be made or written to; ValueError if another process writes to it.
     """
     if not make and not folder.is_dir():  # what reads it has the better message
         yield
@@ -61,7 +61,7 @@ def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
 
 
 def stopped(command: str, out: Path, error: BaseException) -> int:
-    """Print why a command ended early and how to go on with it; return the exit code."""
+    """Print why a command ended early and how to continue it; return the exit code."""
     interrupted = isinstance(error, KeyboardInterrupt)
     reason = "interrupted" if interrupted else error
     say(f"fuzzyarm {command}: {reason}; what is done is kept: --resume --out {out} goes on", error=True)

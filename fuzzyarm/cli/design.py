@@ -24,7 +24,7 @@ __all__ = ["Options"]
 class Options:
     """Design a fuzzy controller and prove it from its stored gains.
 
-    The two-joint arm gets the consistent-reference form, any other robot the semidefinite form, in which the rules
+    The two-joint arm uses the consistent-reference form, any other robot the semidefinite form, in which the rules
     schedule the gains by the inertia.
     """
 
@@ -142,7 +142,7 @@ def _premise(text: str) -> Premise:
     found = re.fullmatch(r"\s*(cos|sin)\s*(2?)q([1-9]\d?)\s*", text)
     if found is None or found[3] == "1":
         raise UsageError(
-            f"--keep {text.strip()!r} is no premise; allowed: cos or sin of q2, 2q2, q3, ..., as in 'cos 2q2'"
+            f"--keep {text.strip()!r} is not a premise; allowed: cos or sin of q2, 2q2, q3, ..., as in 'cos 2q2'"
         )
     return Premise(int(found[3]) - 1, f"{found[1]} {found[2]}q")
 

@@ -26,9 +26,9 @@ class Options:
     policies: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
     """Policy: fuzzy-32, -16, -8, -4, -2, -1, paper-4, computed-torque or a controller file (.json), each with the
     ending -tip to bring the tip to the reference instead of the motors; paper-4-printed; elastic-observer,
-    adaptive-observer, learned-observer; ppo-nominal, -robust, -residual or a learned policy's folder; or code of your
-    own as package.module:factory. May be repeated (default: fuzzy-4 and computed-torque, both with and without -tip,
-    the three observers, ppo-robust and ppo-residual; for another arm computed-torque, with and without -tip, and
+    adaptive-observer, learned-observer; ppo-nominal, -robust, -residual or a learned policy's folder; or your own code
+    as package.module:factory. May be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the
+    three observers, ppo-robust and ppo-residual; for another arm computed-torque, with and without -tip, and
     elastic-observer)"""
     cases: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""

@@ -1,4 +1,4 @@
-"""`fuzzyarm export`: a policy as C source for a controller board, a policy or the plant as an FMU."""
+"""`fuzzyarm export`: write a policy as C source, or a policy or the plant as an FMU."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["Options"]
 class Options:
     """Write a policy as C99 source, with a header and test vectors, or a policy or the plant as an FMI 2.0 FMU.
 
-    The source is made from the policy's own Python source and gives the same numbers, bit by bit. It allocates nothing,
-    calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the same
-    source, which the host compiles.
+    The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates
+    nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the
+    same source, which the host compiles.
     """
 
     what: Annotated[str, Parameter(name="", metavar="c|fmu")]
@@ -46,7 +46,7 @@ class Options:
         from fuzzyarm.policies import resolve
 
         if self.what not in ("c", "fmu"):
-            raise UsageError(f"{self.what} is no language of an export; choose from: c, fmu")
+            raise UsageError(f"{self.what} is not an export language; choose from: c, fmu")
         if self.what == "fmu" and self.number != "double":
             raise UsageError(f"--number {self.number} is for C source; an FMU computes in double")
         fmu, label = self.what == "fmu", self.policy

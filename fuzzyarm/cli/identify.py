@@ -1,4 +1,4 @@
-"""`fuzzyarm identify`: from a log of the motors to the arm's parameters."""
+"""`fuzzyarm identify`: find the arm's parameters from a log of the motors."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ __all__ = ["Options"]
 class Options:
     """Find the parameters of a two-joint arm in a log of its motors, with 95 % intervals.
 
-    Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. What the
-    log does not tell keeps its value of --robot, and is named. With --suggest: write a motion to record first.
+    Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. Parameters
+    that the log does not determine keep their values from --robot and are listed. With --suggest: write a motion to
+    record first.
     """
 
     log: Annotated[Path | None, Parameter(name="", metavar="LOG")] = None
@@ -56,20 +57,20 @@ class Options:
         output_file(self.suggest, ".csv", "--suggest")
         if self.suggest is not None:
             if self.out is not None or self.figure is not None:
-                raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
+                raise UsageError("--out and --figure need a LOG; leave them out with --suggest")
         elif self.duration is not None:
-            raise UsageError("--duration is that of --suggest; a LOG has its own")
+            raise UsageError("--duration is for --suggest only; a LOG has its own")
         arm = chosen_arm(self.robot, None)
         if not isinstance(arm, ArmParameters):
             raise UsageError(
-                f"--robot {self.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by "
-                "the fields of ArmParameters"
+                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; allowed: two-joint arms "
+                "given as ArmParameters"
             )
         return _identify(self, arm, self.log) if self.log is not None else _suggest(self, arm)
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:
-    """Write a motion to record; print its largest values beside the limits of the arm."""
+    """Write a motion to record; print its largest values and the limits of the arm."""
     assert options.suggest is not None
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import suggested

@@ -16,7 +16,7 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Rank the policies of results files by the largest tip error of all cases, those of sweeps over their plants.
+    """Rank the policies of results files by the largest tip error over all cases, or of sweeps over their plants.
 
     Files of sweeps are ranked by the error that 99 % of the plants stay below in every case. Files of different kinds,
     conditions or versions are refused.
@@ -48,7 +48,7 @@ class Options:
             (other, *_) = (path for path in self.files if path not in sweeps)
             raise ValueError(f"{sweeps[0]} is a sweep and {other} is not: rank sweeps with sweeps")
         if sweeps and self.bound:
-            raise ValueError("--bound is of an arm that is known, and a sweep draws its plants: leave it out")
+            raise ValueError("--bound is for one known arm, and a sweep draws its plants: leave it out")
         tips: dict[str, list[str]] = {}
         for check in checked_bounds(self.bound):
             tips.setdefault(check.claim.policy, []).append(check.sentence)

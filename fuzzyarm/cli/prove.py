@@ -1,4 +1,4 @@
-"""`fuzzyarm prove`: a proven bound of the tip error of a policy on the elastic, sampled arm."""
+"""`fuzzyarm prove`: prove a bound on the tip error of a policy on the elastic, sampled arm."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Prove a bound of the largest tip error at any sample of a motion, for every plant of a set.
+    """Prove a bound on the tip error at every sample of a motion, for every plant of a set.
 
-    The elastic joints, the held torque, the limits of the torque and the dry friction are part of what is proven. The
-    exit code is 1, with one line that says why, where no bound is found.
+    The proof includes elastic joints, sample and hold, torque limits and dry friction. If no bound is found, the exit
+    code is 1, with one line that says why.
     """
 
     policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
@@ -84,7 +84,7 @@ class Options:
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
-    """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
+    """Return the result by cells as plain data and as text; `NoBound` names the first cell without a bound."""
     from fuzzyarm.common.arithmetic import at_most
     from fuzzyarm.common.checks import whole
     from fuzzyarm.policies.tip_bound import arm_in_words, plain, problem_of

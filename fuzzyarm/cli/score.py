@@ -20,12 +20,12 @@ __all__ = ["Options"]
 class Options:
     """Run policies on the 128 held-out episodes of this version, and print their scores N.
 
-    computed-torque has N = 0 and learned-observer N = 100. Paths, arms, pushes and payloads are those of no training.
+    computed-torque has N = 0 and learned-observer N = 100. Paths, arms, pushes and payloads are never used in training.
     """
 
     policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = COMPARED
     """Policy: a name, a controller file (.json), a learned policy's folder, another library's model as sb3:model.zip or
-    onnx:model.onnx, or code of your own as package.module:factory, which must act on batches. May be repeated, as for
+    onnx:model.onnx, or your own code as package.module:factory, which must act on batches. May be repeated, as for
     the seeds of one training (default: those that evaluate compares)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Results file to write (.json; default: none)"""

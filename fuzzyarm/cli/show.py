@@ -20,8 +20,8 @@ __all__ = ["Options"]
 class Options:
     """Print the law of a policy: equations in the order of computation, numbers with units, one state to check against.
 
-    What is proven of it follows, with numbers rounded to the side on which they hold. A controller file is proven again
-    first; it is shown for the arm that it was designed for.
+    Then print what is proven about it, with numbers rounded in the safe direction. A controller file is first proven
+    again; it is shown for the arm that it was designed for.
     """
 
     policy: Annotated[str, Parameter(name="", metavar="NAME|FILE")]
@@ -53,7 +53,7 @@ class Options:
 
 
 def loaded(name: str, robot: str | None) -> Policy:
-    """Return a policy by name for a robot; a controller file without one for the arm that it was designed for."""
+    """Return a policy by name for a robot; without a robot, a controller file for the arm that it was designed for."""
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.scheduled import load_controller
     from fuzzyarm.policies import Kind, load_policy, resolve

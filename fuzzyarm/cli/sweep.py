@@ -27,9 +27,9 @@ class Options:
     """Run policies on many plants, drawn from a distribution or on a grid over two quantities.
 
     Writes success rates, quantiles of the tip error with confidence intervals, heat maps and the worst plants to a
-    folder, chunk by chunk: after a kill --resume goes on. Quantities: mass, motor_inertia, stiffness, damping,
-    dry_friction, viscous_friction (factors), payload [kg], force (factor), noise (factor of 1e-5 rad and 1e-3 rad/s),
-    delay [control periods of 1 ms]. With --grid, nothing else varies by default, and a cell has one plant.
+    folder, chunk by chunk; --resume continues after an interruption. Quantities: mass, motor_inertia, stiffness,
+    damping, dry_friction, viscous_friction (factors), payload [kg], force (factor), noise (factor of 1e-5 rad and 1e-3
+    rad/s), delay [control periods of 1 ms]. With --grid, nothing else varies by default, and a cell has one plant.
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
@@ -47,7 +47,7 @@ class Options:
     """Print the summary as JSON instead of the table"""
 
     def run(self) -> int:
-        """Run a sweep, go on with one, or replay a plant; return 1 if workers died again and again."""
+        """Run or resume a sweep, or replay a plant; return 1 if workers died repeatedly."""
         from fuzzyarm.eval.sweep.run import Sweep
 
         engine, values = Engine(**given(self, Engine)), _given(self)
@@ -66,7 +66,7 @@ class Options:
 
 
 def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
-    """Run the missing chunks and summarise; undo a beginning that an error ends before the first result."""
+    """Run the missing chunks and summarise; if an error occurs before the first result, remove the new sweep."""
     from fuzzyarm.eval.sweep.summary import print_sweep
 
     try:

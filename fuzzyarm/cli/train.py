@@ -1,8 +1,8 @@
 """`fuzzyarm train ALGORITHM`: a command for each learning algorithm, and for regression, with its settings.
 
 The folder gets ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last evaluated) and
-``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time). The same
-command goes on where it was stopped.
+``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time). The same command
+resumes a stopped run.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["Options", "add_algorithms", "train_with_progress"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the options of all algorithms begin with."""
+    """The options common to all algorithms."""
 
     algorithm: ClassVar[str]
 
@@ -58,7 +58,7 @@ class Options:
 @with_fields_of(EstimateConfig)
 @dataclass(frozen=True, kw_only=True)
 class _EstimateOptions:
-    """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and lateness.
+    """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and delay.
 
     The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
     needs pip install -c constraints.txt -e ".[rl]" in the repository.
@@ -78,7 +78,7 @@ class _EstimateOptions:
         config, arm = chosen(self, EstimateConfig()), chosen_arm(self.robot, None)
         folder = self.out / LAST
         if folder.exists():
-            raise UsageError(f"{folder} holds a policy already; choose another folder")
+            raise UsageError(f"{folder} already holds a policy; choose another folder")
         with claimed_folder(self.out):
             with progress("compiling and loading", config.chunks, first=1.0) as advance:
                 with _training_libraries():
@@ -92,14 +92,14 @@ class _EstimateOptions:
 
 
 def add_algorithms(application: App) -> None:
-    """Add a command for each algorithm that is known at this time, and that of the estimate, which is regression."""
+    """Add a command for each registered algorithm, and one for the learned observer."""
     for spec in ALGORITHMS.values():
         application.command(_options_of(spec), name=spec.name)
     application.command(_EstimateOptions, name="estimate")
 
 
 def _options_of(spec: AlgorithmSpec) -> type[Options]:
-    """Return the options of an algorithm: those of a run, and one for each field of its configuration."""
+    """Return the options of an algorithm: the common ones, and one for each field of its configuration."""
     made = with_fields_of(spec.config)(Options)
     made.algorithm = spec.name
     first, *others = spec.presets
@@ -113,7 +113,7 @@ def _options_of(spec: AlgorithmSpec) -> type[Options]:
 
 
 def train_with_progress(config: TrainingConfig, folder: Path) -> None:
-    """Train, or go on where the folder holds a training; show progress and every evaluation on standard error."""
+    """Train, or resume the training in the folder; show progress and every evaluation on standard error."""
     threads = config.threads
     with progress("compiling and loading", config.total_timesteps, first=1.0) as advance:
         with _training_libraries():
@@ -147,7 +147,7 @@ def _errors(row: dict[str, Any]) -> str:
 
 @contextlib.contextmanager
 def _training_libraries() -> Iterator[None]:
-    """Say how to install torch or stable-baselines3 where the code within misses one of them."""
+    """Say how to install torch or stable-baselines3 if the enclosed code lacks one of them."""
     try:
         yield
     except ModuleNotFoundError as error:

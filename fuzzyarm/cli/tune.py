@@ -1,4 +1,4 @@
-"""`fuzzyarm tune`: find the numbers of every model-based policy for an arm."""
+"""`fuzzyarm tune`: find the parameters of every model-based policy for an arm."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Find the numbers of every model-based policy for an arm, by the rules that chose the shipped ones.
+    """Find the parameters of every model-based policy for an arm, by the rules used for the shipped ones.
 
-    Writes one folder: a proven controller file, what the other laws need, their margins and a page with the decisions.
-    evaluate, margins and sweep --robot DIR then run what is in it. It takes minutes; what is finished is kept.
+    Writes one folder: a proven controller file, the parameters of the other laws, their margins and a page with the
+    decisions. evaluate, margins and sweep --robot DIR then run its policies. It takes minutes; finished steps are kept.
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None

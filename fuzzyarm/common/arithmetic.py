@@ -1,4 +1,4 @@
-"""Bisection, rounding of bounds to decimal numbers, and consecutive slices.
+"""Bisection, directed rounding to decimal numbers, and consecutive slices.
 
 A float is read as the shortest decimal number that identifies it, its `repr`, which is also what a certificate proves
 (`proof.certificate`). Rounding that decimal up or down is exact.
@@ -22,7 +22,7 @@ def last_that_works(
     From `good` towards `bad`, both positive, in geometric steps: first by the factor bad/good until something fails,
     then by bisection between the last that works and the first that fails.
     `works` is never evaluated at `good`, which is assumed to work. The search gives up beyond `limit` and returns None;
-    without a limit, `bad` is known to fail and is not tried.
+    without a limit, `bad` is assumed to fail and is not evaluated.
     """
     ratio = bad / good
     if limit is not None:

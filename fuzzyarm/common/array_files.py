@@ -1,7 +1,7 @@
 """Reading of NumPy's archives of arrays, ``.npz``, from untrusted files.
 
-Before memory is allocated, the sizes that the archive states are compared with a limit, and the size of each array with
-its header. Arrays hold truth values, integers, real numbers, texts, or records of these; nothing is unpickled.
+Before memory is allocated, the sizes stated by the archive are checked against a limit, and the size of each array
+against its header. Arrays hold booleans, integers, real numbers, strings, or records of these; nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -86,10 +86,10 @@ def _check_directory(file: BinaryIO, size: int) -> None:
 def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
     names = {member.filename for member in members}
     if len(names) < len(members):
-        raise ValueError("a name stands twice")
+        raise ValueError("a name occurs twice")
     for member in members:
         if not member.filename.endswith(_ENDING):
-            raise ValueError(f"{member.filename[:40]!r} is no array")
+            raise ValueError(f"{member.filename[:40]!r} is not an array")
         if member.flag_bits & _ENCRYPTED:
             raise ValueError(f"{member.filename[:40]!r} is encrypted")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -124,10 +124,10 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _check_values(name: str, array: np.ndarray) -> None:
-    """Check texts and truth values, for which some bit patterns are not valid."""
+    """Check strings and booleans, for which some bit patterns are not valid."""
     if array.dtype.kind == "U":
         points = np.frombuffer(array.astype(array.dtype.newbyteorder("<")).tobytes(), dtype="<u4")
         if np.any((points > 0x10FFFF) | ((points >= 0xD800) & (points <= 0xDFFF))):
-            raise ValueError(f"{name[:40]!r} holds a text that is no Unicode")
+            raise ValueError(f"{name[:40]!r} holds a string that is not Unicode")
     if array.dtype.kind == "b" and np.any(np.frombuffer(array.tobytes(), dtype=np.uint8) > 1):
-        raise ValueError(f"{name[:40]!r} holds a truth value that is neither true nor false")
+        raise ValueError(f"{name[:40]!r} holds a boolean that is neither true nor false")

@@ -54,7 +54,7 @@ def real(
 
 
 def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> int:
-    """Return a whole number from `low` to `high` (None: without end) as int."""
+    """Return a whole number from `low` to `high` (None: unbounded) as int."""
     allowed = f"allowed: {low}, {low + 1}, {low + 2}, ..." if high is None else f"allowed: {low} to {high}"
     if isinstance(value, _NO_NUMBERS) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} = {shown(value)} must be a whole number; {allowed}")
@@ -74,7 +74,7 @@ def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -
 
 
 def is_sequence(values: Any, count: int) -> bool:
-    """Return whether values are a sequence or a one-dimensional array of `count` entries; texts are not."""
+    """Return whether values are a sequence or a one-dimensional array of `count` entries; strings are not."""
     flat = not isinstance(values, np.ndarray | memoryview) or values.ndim == 1
     return _is_sequence(values) and flat and len(values) == count
 
@@ -92,7 +92,7 @@ def interval(name: str, values: Any, unit: str = "", *, low: float, high: float)
 
 
 def truth(name: str, value: Any) -> bool:
-    """Return a truth value; TypeError for anything but true or false."""
+    """Return a boolean; TypeError for anything else."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} = {shown(value)} must be True or False")
     return bool(value)
@@ -107,7 +107,7 @@ def choice(name: str, value: Any, choices: Collection[_Choice]) -> _Choice:
 
 
 def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
-    """Return one or more different names; ValueError otherwise, TypeError for anything but a sequence of texts."""
+    """Return one or more different names; ValueError otherwise, TypeError for anything but a sequence of strings."""
     texts(name, values)
     if not values or len(set(values)) != len(values):
         raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
@@ -115,14 +115,14 @@ def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
 
 
 def texts(name: str, values: Any) -> Sequence[str]:
-    """Return a sequence of texts; TypeError for anything else, a single text included."""
+    """Return a sequence of strings; TypeError for anything else, including a single string."""
     if not isinstance(values, list | tuple) or not all(isinstance(value, str) for value in values):
         raise TypeError(f"{name} = {shown(values)} must be a tuple of names")
     return values
 
 
 def instance(name: str, value: Any, kind: type[_Choice]) -> _Choice:
-    """Return the value if it is of a class; TypeError that names the class otherwise."""
+    """Return the value if it is an instance of a class; otherwise raise a TypeError that names the class."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {shown(value)} must be a {kind.__module__}.{kind.__qualname__}")
     return value
@@ -138,7 +138,7 @@ def path_of(name: str, value: Any) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"{name} = {shown(value)} must be a path")
     if not str(value) or "\0" in str(value):
-        raise ValueError(f"{name} = {shown(str(value))} can be no name of a file: it is empty, or holds a NUL")
+        raise ValueError(f"{name} = {shown(str(value))} cannot be a file name: it is empty or contains a NUL")
     return Path(value)
 
 
@@ -174,11 +174,11 @@ def array_of(name: str, values: Any) -> np.ndarray:
         return np.asarray(values)
     except (ValueError, MemoryError, OverflowError) as error:
         reason = str(error).partition(".")[0] or "more numbers than the memory holds"
-        raise ValueError(f"{name} = {shown(values)} is no array: {listed([reason])}") from None
+        raise ValueError(f"{name} = {shown(values)} is not an array: {listed([reason])}") from None
 
 
 def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
-    """Raise TypeError for an array of truth values, complex numbers, texts, dates or objects."""
+    """Raise TypeError for an array of booleans, complex numbers, strings, dates or objects."""
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:_MESSAGE])
 
@@ -190,7 +190,7 @@ def all_finite(array: np.ndarray) -> bool:
 
 
 def is_real(value: Any) -> bool:
-    """Return whether a value is a real number; booleans, complex numbers, texts and times are not."""
+    """Return whether a value is a real number; booleans, complex numbers, strings and times are not."""
     return isinstance(value, numbers.Real) and not isinstance(value, _NO_NUMBERS)
 
 

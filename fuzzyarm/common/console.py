@@ -3,10 +3,9 @@
 On a terminal a table has rules, and each word of a heading is on a line of its own. Digits are never cut: a table that
 is too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain
 columns of text, neither folded nor split. Progress is shown on standard error: a bar on a terminal, otherwise plain
-lines, the first of them after two seconds, at last one a minute.
+lines, the first after two seconds, then at growing intervals of up to a minute.
 
-Names of files and policies are untrusted: `output` and `say`, through which everything is printed, escape control
-characters.
+Names of files and policies are untrusted: everything is printed by `output` and `say`, which escape control characters.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ def open_streams() -> bool:
     """Make every standard stream writable; return whether standard output was open.
 
     A closed stream is opened on the null device; otherwise the next opened file would get its number and the printed
-    text. Characters that the encoding of a stream lacks are spelled out.
+    text. Characters that the encoding of a stream lacks are escaped.
     """
     closed = []
     for number in (0, 1, 2):
@@ -106,7 +105,7 @@ def say(text: str, *, error: bool = False) -> None:
 
 
 def _wrapped(line: str) -> str:
-    """Return a line broken at spaces for the terminal, what follows indented by two more than its beginning."""
+    """Return a line wrapped at spaces for the terminal, with continuation lines indented by two more."""
     width = max(shutil.get_terminal_size().columns, _NARROWEST)
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     options: Any = dict.fromkeys(("break_long_words", "break_on_hyphens", "replace_whitespace"), False)
@@ -120,9 +119,9 @@ def say_json(document: Any) -> None:
 
 @contextlib.contextmanager
 def _naming_output() -> Iterator[None]:
-    """Name standard output in the errors of writing to it; `BrokenPipeError` stays: its reader has left.
+    """Name standard output in errors of writing to it; `BrokenPipeError` passes through.
 
-    Buffered output that cannot be written is discarded; otherwise Python would report it again at its end.
+    Buffered output that cannot be written is discarded; otherwise Python would report it again at exit.
     """
     try:
         yield
@@ -167,7 +166,7 @@ def _console(**settings: Any) -> Console:
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """A table of texts, for a terminal, a pipe or Markdown."""
+    """A table of strings, for a terminal, a pipe or Markdown."""
 
     headings: Sequence[str]  # of the columns
     rows: Sequence[Sequence[str]]  # of cells
@@ -197,7 +196,7 @@ class Sheet:
         return tuple(self.dispensable[:left_out])
 
     def _parts(self, columns: list[int], console: Console) -> Iterator[list[int]]:
-        """Yield the columns of tables that fit the terminal as far as they can, each with the first ones, the keys."""
+        """Yield groups of columns that fit the terminal if possible, each led by the key columns."""
         part = columns[: self.keys + 1]
         for column in columns[self.keys + 1 :]:
             if _least_width(self._table([*part, column], console), console) > console.width:
@@ -207,7 +206,7 @@ class Sheet:
         yield part
 
     def _table(self, columns: Sequence[int], console: Console) -> Table:
-        """Return the table of some of the columns, of which all but text that may be folded keep their width."""
+        """Return the table of some of the columns; all but foldable text keep their width."""
         from rich import box
         from rich.cells import cell_len
         from rich.table import Table
@@ -301,10 +300,10 @@ _MINUTE = 60.0  # s, the longest time between two lines of progress
 
 
 class _Lines:
-    """Progress in plain lines on standard error, the pauses between which double up to a minute.
+    """Progress in plain lines on standard error, at intervals that double up to a minute.
 
-    A line says the time since the beginning, the completed steps, what is done, and from the second step on for how
-    long, at the speed since the first.
+    A line states the elapsed time, the completed steps, the current work and, from the second step on, the remaining
+    time at the speed since the first.
     """
 
     def __init__(self, description: str, total: int | None, first: float, *, threaded: bool = True) -> None:

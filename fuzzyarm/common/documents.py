@@ -40,16 +40,16 @@ _DEEPEST = 40  # levels of lists and mappings
 
 
 class DocumentError(ValueError):
-    """A document is missing, too large, damaged or of another schema; one line that names the file and the problem."""
+    """A document is missing, too large, damaged or of another schema; one line names the file and the problem."""
 
 
 def read_json(path: Path, *, largest: int = _LARGEST) -> Any:
-    """Return the content of a JSON file: mappings, lists, texts, finite numbers, truth values and None.
+    """Return the content of a JSON file: mappings, lists, strings, finite numbers, booleans and None.
 
     Raises:
         DocumentError: the file is not regular, larger than `largest` bytes or not JSON; or it holds more than
-            `_MOST_VALUES` values, a duplicate key, a number that is not finite or a text that is not Unicode, or is
-            deeper than `_DEEPEST`.
+            `_MOST_VALUES` values, a duplicate key, a number that is not finite or a string that is not Unicode, or is
+            nested deeper than `_DEEPEST`.
         OSError: the file cannot be read.
     """
     content = read_bytes(path, largest=largest)
@@ -77,7 +77,7 @@ def read_bytes(path: Path, *, largest: int = _LARGEST) -> bytes:
     with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
-        raise DocumentError(f"{path}: larger than {largest} bytes, the most that is read of such a file")
+        raise DocumentError(f"{path}: larger than {largest} bytes, the limit for such a file")
     return content
 
 
@@ -98,11 +98,11 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def parse_json(text: bytes | str) -> Any:
-    """Return the content of a JSON text; ValueError as for `read_json`, without the file."""
+    """Return the content of a JSON string; ValueError as for `read_json`, without the file."""
     try:
         text = text.decode("utf-8") if isinstance(text, bytes) else text
         if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
-            raise ValueError(f"more than {_MOST_VALUES} values, the most that is read")
+            raise ValueError(f"more than {_MOST_VALUES} values, the limit")
         content = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_constant)
         _check_values(content, finite=True)
     except (ValueError, RecursionError) as error:
@@ -153,8 +153,8 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
 def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str, Any]], _Built]) -> _Built:
     """Return the result of `build` for the content of a JSON file of a schema.
 
-    Every message ends with `again`, which says how to make the file again. `build` may raise any error of a mapping or
-    list that lacks an entry.
+    Every message ends with `again`, which says how to make the file again. `build` may raise KeyError or IndexError for
+    missing entries.
 
     Raises:
         ValueError: the file does not exist, has another schema or is damaged; the message is one line.
@@ -180,7 +180,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(content) < len(pairs):
         names: set[str] = set()
         double = next(name for name, _ in pairs if name in names or names.add(name))  # type: ignore[func-returns-value]
-        raise ValueError(f"the key {double[:40]!r} stands twice")
+        raise ValueError(f"the key {double[:40]!r} occurs twice")
     for name, value in pairs:
         if isinstance(value, float) and not math.isfinite(value):  # 1e999 parses as inf
             raise ValueError(f"{name[:40]!r} is not finite")
@@ -188,11 +188,11 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _check_dotted_keys(text: str) -> None:
-    """Raise ValueError for a TOML key of more than `_DEEPEST` parts: the time that it takes grows with their square."""
+    """Raise ValueError for a TOML key of more than `_DEEPEST` parts: parsing time grows with their square."""
     run = 0
     for part in text.split("."):
         run = run + 1 if part.strip() and not any(mark in part for mark in "=,[]{}#\n") else 0
@@ -201,7 +201,7 @@ def _check_dotted_keys(text: str) -> None:
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
-    """Raise ValueError for content deeper than `_DEEPEST`, texts that are not Unicode, and infinite numbers."""
+    """Raise ValueError for content deeper than `_DEEPEST`, strings that are not Unicode, and infinite numbers."""
     level = [content]
     for depth in range(_DEEPEST + 1):
         below: list[Any] = []

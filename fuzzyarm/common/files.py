@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders, tables as CSV, and the lock of a folder that is written to.
+"""Atomic writing of files and folders, CSV tables, and a lock for folders being written.
 
 A new file gets the mode that the umask leaves; a replaced file never becomes readable by more users than before.
 """
@@ -53,7 +53,7 @@ def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
     contents = {folder / name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for path, content in contents.items():
         if path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content):
-            raise ValueError(f"{path} holds something else of the same name: remove it, or choose another folder")
+            raise ValueError(f"{path} holds something else under this name: remove it, or choose another folder")
     for path, content in contents.items():
         write_atomically(path, content)
     return list(contents)
@@ -92,7 +92,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ValueError(
-                f"another process is writing to {folder}; wait until it has ended, or choose another folder"
+                f"another process is writing to {folder}; wait until it ends, or choose another folder"
             ) from None
         except OSError:  # some network file systems
             pass
@@ -104,7 +104,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] | None = None, *, header: bool = True) -> str:
     """Return rows by column as CSV, by default with the columns of the first row; a missing entry stays empty.
 
-    A text that a spreadsheet would compute gets an apostrophe in front, the spreadsheets' mark of a text.
+    A string that a spreadsheet would evaluate is prefixed with an apostrophe, which marks it as text.
     """
     names = list(rows[0] if columns is None else columns)
     text = io.StringIO()

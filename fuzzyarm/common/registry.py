@@ -1,6 +1,6 @@
-"""Registries of named things that the package ships or a user adds, and public names imported at their first use.
+"""Registries of named objects that the package ships or a user adds, and lazy imports of public names.
 
-Worker processes get what was added by `Registry.additions` and `Registry.adopt`.
+`Registry.additions` and `Registry.adopt` pass added objects to worker processes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that each is in
 
 
 class Registry(dict[str, _Thing]):
-    """Things by name; things added after the first ones, `shipped`, belong to the `additions` of this process."""
+    """Objects by name; those added to the `shipped` ones are the `additions` of this process."""
 
     def __init__(self, home: str, shipped: Mapping[str, _Thing]) -> None:
         super().__init__(shipped)
@@ -30,12 +30,12 @@ class Registry(dict[str, _Thing]):
 
     @staticmethod
     def additions() -> dict[str, dict[str, Any]]:
-        """Return what was added to every registry of this process, by the registry's module, for `adopt`."""
+        """Return the objects added to each registry of this process, by the registry's module, for `adopt`."""
         return {home: added for home, registry in _REGISTRIES.items() if (added := registry.added())}
 
     @staticmethod
     def adopt(added: Mapping[str, Mapping[str, Any]]) -> None:
-        """Add the `additions` of another process; a thing of a name that was added before is replaced."""
+        """Add the `additions` of another process; earlier additions with the same name are replaced."""
         for home, things in added.items():
             importlib.import_module(home)
             _REGISTRIES[home].update(things)

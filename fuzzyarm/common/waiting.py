@@ -1,4 +1,4 @@
-"""What a library says of work that a user waits for; commands show their progress by `fuzzyarm.common.console`."""
+"""Messages of the library about slow work; commands show progress with `fuzzyarm.common.console`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["announced"]
 
 @contextlib.contextmanager
 def announced(message: str, after: float = 1.0) -> Iterator[None]:
-    """Say on a terminal, once in a process, what is being waited for if the block takes longer than `after` [s]."""
+    """Print on a terminal, once per process, what the block does if it takes longer than `after` [s]."""
     timer = threading.Timer(after, _say_once, (message,))
     timer.daemon = True
     if sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is None:

@@ -1,4 +1,4 @@
-"""The trace of an episode, and its pictures for `render_mode`; only the mode ``human`` needs a display."""
+"""The trace of an episode and its pictures for `render_mode`; only the mode ``human`` needs a display."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Film:
         self._clock: Any = None
 
     def rewind(self) -> None:
-        """Forget the trace: an episode begins."""
+        """Clear the trace at the beginning of an episode."""
         self._trace.clear()
 
     def follow(self, time: float, vectors: np.ndarray, schedule: Schedule, ended: bool) -> None:
@@ -39,7 +39,7 @@ class Film:
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (720, 720, 3), numbers to 255, or show it in an open window; ResetNeeded before reset."""
+        """Return the picture (720, 720, 3) of uint8, or show it in an open window; ResetNeeded before reset."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it

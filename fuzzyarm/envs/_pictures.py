@@ -191,7 +191,7 @@ def _case_title(disturbance: Disturbance, arm: AnyArm) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _case(arm: AnyArm, name: str) -> Case | None:
-    """Return a case for an arm; None for an arm that can follow no default reference, to which no load is scaled."""
+    """Return a case for an arm; None for an arm that cannot follow the default reference, which sets the loads."""
     try:
         return case_for(name, arm)
     except ValueError:

@@ -42,7 +42,7 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) 
 
 
 def chosen_reference(reference: Reference | None, randomisation: DomainRandomisation, arm: AnyArm) -> Reference | None:
-    """Return the reference itself, the default one of this arm, or None where each episode draws its own."""
+    """Return the reference itself, the default one for this arm, or None if each episode draws its own."""
     if reference is None:
         return None if randomisation.references else default_reference(arm)
     checks.instance("reference", reference, Reference)  # type: ignore[type-abstract]
@@ -59,7 +59,7 @@ def check_options(options: dict[str, Any]) -> None:
 
 
 def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scenario:
-    """Return the scenario that reset options ask for."""
+    """Return the scenario requested by reset options."""
     check_options(options)
     disturbance, reference = own
     if "case" in options or "disturbance" in options:
@@ -132,7 +132,7 @@ def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
 
 
 def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
-    """Return make(*row) for each lane, whose row has an entry of each column; a single entry is for all lanes.
+    """Return make(*row) for each lane; a row takes one entry from each column, and a single entry serves all lanes.
 
     An error names its lane if there are several.
     """
@@ -148,7 +148,7 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
 
 
 def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
-    """Return the arms that these arguments name, one for all lanes or one per lane; errors as of `chosen_arm`."""
+    """Return the arms that these arguments name, one for all lanes or one per lane; errors as in `chosen_arm`."""
     given = per_lane("parameters", parameters, lanes)
     if parameters is not None:
         each_lane(lambda one: checks.instance("parameters", one, ArmParameters), given)
@@ -168,7 +168,7 @@ def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarr
 
 
 def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
-    """Return a seed per lane: seed, seed + 1, ... from one, or those given; None lets the random stream go on."""
+    """Return a seed per lane: seed, seed + 1, ... for a single one, or those given; None continues the stream."""
     if given is None:
         return None
     if isinstance(given, Sequence | np.ndarray):

@@ -1,6 +1,6 @@
-"""An episode of an arm: how it begins, and its control steps, in which the equations take sub-steps under held torques.
+"""An episode of an arm: its beginning, and its control steps, which divide into sub-steps under held torques.
 
-Plain functions of numbers, see `numbers.functions`. Whatever steps an arm runs these.
+These are plain functions of numbers, see `numbers.functions`, used wherever an arm is stepped.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def control_step(
 ) -> Moved:  # fmt: skip
     """Return an arm after one control step under the torques of a controller, `command` [N m].
 
-    `now` is the row of the schedule at the start of the step, whose force is multiplied by `factor`, and `target` what
-    the tip is compared with at its end; the others are as for `held_of`.
+    `now` is the row of the schedule at the start of the step, whose force is multiplied by `factor`; `target` is the
+    tip's target at its end; the other arguments are as for `held_of`.
     """
     torque = physics.PerJoint(*map(clipped, command, limits.torque))
     applied = physics.PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
@@ -62,7 +62,7 @@ def assessed(
     physics: Physics, before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any,
     arm: Any, limits: Any,
 ) -> Moved:  # fmt: skip
-    """Return an arm that was in the state `before` and has come to the state `reached`."""
+    """Return the arm after a step from the state `before` to the state `reached`."""
     sound = finite(reached)
     pairs = zip(flat(reached), flat(before), strict=True)
     state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
@@ -76,8 +76,8 @@ def assessed(
 def reading_of(physics: Physics) -> Callable[..., tuple[Any, Any]]:
     """Return ``reading(state, limits, noise, key, steps)``: q and dq as the motors' encoders give them.
 
-    `noise` is a `Noise`; it is drawn from the stream `key`, a uint64, for the instant after so many steps. Readings
-    are within the observation space.
+    `noise` is a `Noise`; it is drawn from the stream `key`, a uint64, for the instant after `steps` steps. Readings are
+    within the observation space.
     """
     PerJoint, joints = physics.PerJoint, physics.joints
     first, each = noise_counter(joints), 2 * joints
@@ -108,7 +108,7 @@ def _between(number: Any, low: Any, high: Any) -> Any:
 
 
 class Given(NamedTuple):
-    """What an episode begins with."""
+    """Parameters at the beginning of an episode."""
 
     plant: Any  # number of the lane's plant
     start: Any  # the schedule to begin, or the first one of a family
@@ -118,7 +118,7 @@ class Given(NamedTuple):
 def begun(
     layout: Layout, clock: Clock, given: Given, initial: Any, ranges: Any, plants: Any, starts: Any, schedule: Any
 ) -> tuple[Any, Any, Any, Any]:
-    """Return a lane at the beginning of an episode, its clock, what it drew, and the first row of its schedule.
+    """Return a lane at the beginning of an episode, its clock, its draws, and the first row of its schedule.
 
     `clock` has the key of the last episode; `initial` is a state, or at rest on the reference if its first number is
     nan; `ranges` are pairs (low, high) of a `draw_record`. The tables have rows of `Plant`, `Start` and `row_record`.

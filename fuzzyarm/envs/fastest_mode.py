@@ -4,7 +4,7 @@ Around a posture q without dry friction, in the coordinates (θ, q) of motors an
 
     diag(I_a, M_b) ẍ + B ẋ + K x = 0,    K = Eᵀ K_t E,    B = Eᵀ B_t E + diag(F_v, 0),    E = (1, -1),
 
-and the time step of `physics.integrator`, of two evaluations and a sub-step h, makes of it, with C = 1 - h B/2,
+and the time step of `physics.integrator`, with two evaluations and a sub-step h, turns it into, with C = 1 - h B/2,
 
     C⁻¹ (x_{k+1} - 2 x_k + x_{k-1}) + h B (x_k - x_{k-1}) + h² K x_k = 0    (mass-normalised).
 
@@ -14,7 +14,7 @@ b <= m/2 and k <= h² ω² m where h β < 2: it decays wherever h ω < 2 and h �
     ω² = λ_max(√K_t W √K_t),    β = λ_max(√B_t W √B_t) + max(F_v/I_a),    W = diag(1/I_a) + M_b(q)⁻¹.
 
 Both grow with stiffness, damping and viscous friction and fall with every inertia and mass. So the worst corner of a
-set of plants is known, and it carries no payload. Dry friction asks for nothing: stick is exact, and the slope of the
+set of plants is known, and has no payload. Dry friction adds no condition: stick is exact, and the slope of the
 Stribeck curve adds no stiffness.
 """
 
@@ -38,7 +38,7 @@ _POSTURES = 64
 
 
 def fastest_rate(arms: Iterable[AnyArm], drawn: DomainRandomisation | None = None) -> float:
-    """Return the largest max(ω, β) [rad/s] of these arms at the worst corner of what is drawn; see the module."""
+    """Return the largest max(ω, β) [rad/s] of these arms at the worst corner of the draws; see the module."""
     r = DomainRandomisation() if drawn is None else drawn
     corner = r.mass[0], r.motor_inertia[0], r.stiffness[1], r.damping[1], r.viscous_friction[1]
     return max(_rate(arm, *corner) for arm in {id(arm): arm for arm in arms}.values())

@@ -1,6 +1,6 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step` has
+An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step` defines
 the control step, and `Physics.step` the equations of motion, `integrator.step` for two joints. Observation and results
 come back in one array.
 """
@@ -45,8 +45,8 @@ _DOUBLE, _SINGLE = np.dtype(np.float64), np.dtype(np.float32)
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     """Track a tip path with a two-joint arm that has elastic joints and Stribeck friction.
 
-    This task is for controllers in SI units and for comparing them. Learners take ``FuzzyArmLearn-v0``, the same arm
-    with scaled observations and actions and a reward that tells 1 mm from 0.1 mm.
+    This task is for controllers in SI units. Learners use ``FuzzyArmLearn-v0``, the same arm with scaled observations
+    and actions and a reward that distinguishes 1 mm from 0.1 mm.
 
     ## Description
     The plant is equations (1)-(3) of the paper with Table 1: two motors, two links, joint springs and dampers,
@@ -64,14 +64,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     | index | quantity | unit |
     | --- | --- | --- |
     | 0-1 | motor angles q_a, with encoder noise if the disturbance has any | rad |
-    | 2-3 | motor velocities, likewise | rad/s |
+    | 2-3 | motor velocities, also with noise | rad/s |
     | 4-5 | reference angles q_d at the same instant | rad |
     | 6-7 | reference velocities | rad/s |
     | 8-9 | reference accelerations | rad/s² |
 
     ## Rewards
     From the state after the step: reward = tracking · (1 - 0.1 effort), with tracking = 1/(1 + tip error / 5 mm)
-    and effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²)/2, both in `info`. Attainable range: above 0 to below 1 a step.
+    and effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²)/2, both in `info`. Each step gives more than 0 and less than 1.
 
     ## Starting state
     At rest, the links on the reference at t = 0, the motors at the static deflection under the gravity torque of the
@@ -82,25 +82,25 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
     not finite; `info["reason"]` says which, see `Termination`. If the state becomes infinite or nan, the observation
     and `info` repeat the last finite state, and the reward is 0. Truncated when the reference ends (1.5 s, 1500 steps,
-    which is `spec.max_episode_steps`; of references that are drawn, the longest counts). No `TimeLimit` is needed;
+    which is `spec.max_episode_steps`; if references are drawn, that of the longest). No `TimeLimit` is needed;
     ``gym.make("FuzzyArm-v0", max_episode_steps=100)`` adds one.
 
     ## Info
     `time` [s], `tip`, `tip_reference` [m], `tip_error` [m], `circularity_error`, `circularity_error_motor` [m]
-    (signed distance of the tip from the curve, outwards positive, with the link and with the motor angles; for a
-    curve that is no circle the component along its left normal), `q_link`, `dq_link`, `q_motor`, `dq_motor`
-    (noise-free) [rad, rad/s], `torque` (applied, clipped), `friction_torque` [N m], `external_force` [N],
-    `in_domain`, `torque_clipped`, `reward_tracking`, `reward_effort`.
+    (signed distance of the tip from the curve, outwards positive, from link and from motor angles; for a curve that is
+    not a circle, the component along its left normal), `q_link`, `dq_link`, `q_motor`, `dq_motor` (noise-free) [rad,
+    rad/s], `torque` (applied, clipped), `friction_torque` [N m], `external_force` [N], `in_domain`, `torque_clipped`,
+    `reward_tracking`, `reward_effort`.
 
     ## Arguments
-    `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (default: the
-    paper's circle), `parameters` (an `ArmParameters`, the plant's), or `robot` in its place (another serial robot, by
-    name, TOML file or as a `Robot`: all above is then for its n joints, with 5 n numbers observed, and for a tip with
-    three coordinates, and loads and default reference are for the robot), `control_period` and `substep` [s] (a whole
-    fraction of the control period; default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and
-    of what is drawn, see `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation` of
-    your own: what each episode draws, from its seed; then `info["randomisation"]` says what was drawn), `render_mode`
-    ("human", a window with 50 pictures a second, or "rgb_array", where ``metadata["render_fps"]`` is one over the
+    `case` ("nominal", "machining", "payload") or your own `disturbance` instead, `reference` (default: the
+    paper's circle), `parameters` (an `ArmParameters`, the plant's), or `robot` instead (another serial robot, by name,
+    TOML file or as a `Robot`: then there are n joints, 5 n observed numbers and a tip with three coordinates, and loads
+    and default reference fit the robot), `control_period` and `substep` [s] (a whole fraction of the control period;
+    default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and of what is drawn, see
+    `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation`: what each episode draws
+    from its seed; `info["randomisation"]` reports the draws), `render_mode` ("human", a window with 50 pictures a
+    second, or "rgb_array", where ``metadata["render_fps"]`` is one over the
     control period: a video with a picture after every step is in real time).
 
     `reset(options=...)` takes, for the episode it starts, `initial_state` (4 n numbers in the order of `State`),
@@ -171,7 +171,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What `gym.make` made the environment from, with the steps of the longest episode; None without `gym.make`."""
+        """The spec given to `gym.make`, with the steps of the longest episode; None without `gym.make`."""
         return self._spec
 
     @spec.setter
@@ -186,7 +186,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def reference(self) -> Reference:
-        """The reference of the episode under way; before the first, the one a reset without options starts."""
+        """The reference of the current episode; before the first, that of a reset without options."""
         if self._reference is not None and not self._begun:
             return self._reference
         if not self._begun:
@@ -286,7 +286,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._vectors = vectors.reshape(len(VECTORS), -1) if self._even else vectors[:, 0]
 
     def _refuse_nonfinite(self) -> None:
-        """Raise ValueError if it is the action that was not finite: no arm has moved, and the clock goes back."""
+        """Raise ValueError if the action was not finite: no arm has moved, and the clock is set back."""
         torque = self._sent[:]
         if not all(map(isfinite, torque)):
             self._lanes.clock[CLOCK.row] -= 1
@@ -318,7 +318,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
-        """Add to `info` what the episode drew, and let the film follow."""
+        """Add the episode's draws to `info`, and update the film."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:

@@ -44,7 +44,7 @@ def starts(joints: int) -> Observation:
 
 
 def observed(array: Any) -> Observation:
-    """Return the parts of observations (..., `PARTS` n) as views (..., n) of them."""
+    """Return the parts of observations (..., `PARTS` n) as views (..., n)."""
     n = array.shape[-1] // PARTS
     return Observation(
         array[..., :n], array[..., n : 2 * n], array[..., 2 * n : 3 * n], array[..., 3 * n : 4 * n], array[..., 4 * n :]

@@ -52,7 +52,8 @@ def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
     count = round(period / part)
     if not math.isclose(count * part, period, rel_tol=1e-9):
         raise ValueError(
-            f"control_period = {period:g} s is no multiple of substep = {part:g} s; use substep = {period / count:g} s"
+            f"control_period = {period:g} s is not a multiple of substep = {part:g} s; "
+            f"use substep = {period / count:g} s"
         )
     if part * rate >= _STABLE:
         raise ValueError(

@@ -1,11 +1,11 @@
-"""A pinhole camera that looks at a robot: what pictures and reports show of it in perspective.
+"""A pinhole camera that looks at a robot, for perspective views in pictures and reports.
 
 With the eye e, unit vectors r (right), d (down) and a (ahead), a point p is seen at
 
     (right, down) = center + focal (rᵀ (p - e), dᵀ (p - e)) / depth,    depth = aᵀ (p - e).
 
-Gravity points down the picture. The robot stands from left to right: its arm plane, through the base, upright, with the
-middle of the path in it, and the plane of the path are both seen as openly as one camera can, from a little above.
+Gravity points down the picture. The robot faces from left to right. The camera shows both the vertical plane through
+the base and the middle of the path, and the plane of the path, as openly as possible, from slightly above.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class _Floor(NamedTuple):
 
 
 def floor_of(robot: Robot, points: np.ndarray) -> _Floor:
-    """Return the floor below points (..., 3) [m], with squares of 10^n m: several of them, and few in number."""
+    """Return the floor below points (..., 3) [m], with a few squares of 10^n m."""
     up, length = upwards(robot), reach(robot)
     height = min(0.0, float((points @ up).min()))
     square = 10.0 ** np.floor(np.log10(0.3 * length))
@@ -100,7 +100,7 @@ def across(axis: np.ndarray) -> np.ndarray:
 
 
 def in_space(vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (..., 2 or 3) as (..., 3): those of a robot whose tip has two coordinates lie in z = 0."""
+    """Return vectors (..., 2 or 3) as (..., 3): two coordinates become points with z = 0."""
     return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 3 - vectors.shape[-1]))], axis=-1)
 
 
@@ -122,7 +122,7 @@ def looking_at(robot: Robot, path: np.ndarray) -> Camera:
 
 
 def _normal(path: np.ndarray, length: float) -> np.ndarray:
-    """Return the unit normal (3,) of the plane of a path, zero for a path in a straight line or in no plane."""
+    """Return the unit normal (3,) of the plane of a path, zero for a straight path or one that is not planar."""
     _, sizes, rows = np.linalg.svd(path - path.mean(axis=0), full_matrices=False)
     if len(sizes) < 3 or sizes[1] < _LEVEL * np.sqrt(len(path)) * length or sizes[2] > 0.5 * sizes[1]:
         return np.zeros(3)

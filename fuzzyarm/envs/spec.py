@@ -1,4 +1,4 @@
-"""The environment's spec as JSON: objects among its arguments are written as data and made again, or refused."""
+"""The environment's spec as JSON: objects among its arguments are written as data and rebuilt, or refused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KIND, _HOME = "record", "fuzzyarm.envs."  # as data, a record of the package na
 
 
 class Spec(EnvSpec):
-    """A spec whose `to_json` writes what `gymnasium.make` and `make_vec` make again from `EnvSpec.from_json`."""
+    """A spec whose JSON `gymnasium.make` and `make_vec` can rebuild through `EnvSpec.from_json`."""
 
     def to_json(self) -> str:
         """Return the spec as JSON; ValueError for an argument that is neither data nor a record of the package."""
@@ -31,7 +31,7 @@ class Spec(EnvSpec):
 
 
 def made_from_json(init: Callable[_Arguments, None]) -> Callable[_Arguments, None]:
-    """Let an environment take arguments as `Spec.to_json` writes them."""
+    """Let an environment accept arguments as written by `Spec.to_json`."""
 
     @functools.wraps(init)
     def made(*given: _Arguments.args, **named: _Arguments.kwargs) -> None:
@@ -45,7 +45,7 @@ def _fields(one: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of a type that JSON lacks as one that it has."""
+    """Convert a value to a type that JSON supports."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, enum.Enum):

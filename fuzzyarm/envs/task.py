@@ -21,8 +21,8 @@ __all__ = ["Termination", "assess", "clipped", "finite", "reason_of", "target_re
 class Termination(enum.IntEnum):
     """Reason of termination; `text` is what ``info["reason"]`` says.
 
-    `NONE` stands for an episode that goes on or was truncated. If several reasons hold at once, `NOT_FINITE` comes
-    before `ANGLE`, and `ANGLE` before `VELOCITY`. `LOST` is a reason of ``FuzzyArmLearn-v0`` alone, after all others.
+    `NONE` means that an episode continues or was truncated. If several reasons apply, `NOT_FINITE` comes
+    before `ANGLE`, and `ANGLE` before `VELOCITY`. `LOST` occurs only in ``FuzzyArmLearn-v0``, after all others.
     """
 
     NONE = 0
@@ -68,7 +68,7 @@ def target_record(axes: int) -> Any:
 
 
 class _Assessment(NamedTuple):
-    """What `assess` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
+    """The result of `assess`; lengths in m, torques in N m, flags 0.0 or 1.0."""
 
     tip: Any
     friction_torque: Any
@@ -83,7 +83,7 @@ class _Assessment(NamedTuple):
 
 
 def assess(physics: Physics, state: Any, torque: Any, bias: Any, arm: Any, limits: Any, target: Any) -> _Assessment:
-    """Return what is measured of an arm under clipped torques and the biases that act beside them [N m].
+    """Return the assessment of an arm under clipped torques and added biases [N m].
 
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm), effort = mean of (Γ/Γ_max)².
     """

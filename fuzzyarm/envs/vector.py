@@ -67,7 +67,7 @@ def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarr
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Return the entries with the mask (lanes,) of lanes that have them beside each, as Gymnasium's infos do."""
+    """Return the entries, each with its mask (lanes,) of lanes, as in Gymnasium's infos."""
     return {**entries, **{f"_{key}": mask for key in entries}}
 
 
@@ -122,31 +122,31 @@ _OVER = "over"  # in a state: which lanes have ended and wait for a reset
 
 
 class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """A batch of `FuzzyArmEnv`: lane i is the single environment with the same seed, bit for bit, whatever the batch.
+    """A batch of `FuzzyArmEnv`: lane i equals the single environment with the same seed, bit for bit.
 
-    ``gym.make_vec("FuzzyArm-v0", num_envs=1024)`` gives it. Spaces, reward, episode ends and the keys of `info` are
-    those of `FuzzyArmEnv`; every value of `info` is an array with a row per lane, beside a mask ``_key`` as Gymnasium
-    has it. A lane that ends begins its next episode within the same step (``AutoresetMode.SAME_STEP``): the
-    observation and `info` are then the new episode's first, and those of the last instant are in
-    ``info["final_obs"]`` (an array of objects) and ``info["final_info"]``, masked by ``_final_obs``, ``_final_info``.
+    Create it with ``gym.make_vec("FuzzyArm-v0", num_envs=1024)``. Spaces, reward, episode ends and the keys of `info`
+    are those of `FuzzyArmEnv`; every value of `info` is an array with a row per lane, with a mask ``_key`` as in
+    Gymnasium. A lane that ends begins its next episode within the same step (``AutoresetMode.SAME_STEP``): the
+    observation and `info` are then the new episode's first, and those of the last instant are in ``info["final_obs"]``
+    (an array of objects) and ``info["final_info"]``, masked by ``_final_obs``, ``_final_info``.
 
     ``autoreset_mode="NextStep"`` or ``"Disabled"``, or the member of Gymnasium's `AutoresetMode`, chooses another: the
     step after an end begins that lane's next episode, ignores its action and gives the reward 0; or
     ``reset(options={"reset_mask": mask})`` begins one in the lanes that the mask (num_envs,) of booleans names, and a
-    step before raises. A mask works in every mode: the other lanes go on where they are and have no `info`.
+    step before raises. A mask works in every mode: the other lanes continue and have no `info`.
 
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
-    for all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
-    ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
-    (default: one per 1,024 lanes, at most one per core); results do not depend on it.
+    value for all lanes or a sequence with one per lane, and so may `case`, `disturbance`, `reference` and
+    `initial_state` in ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is the number of
+    threads that share a step (default: one per 1,024 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
     that lane continue. All lanes have the sub-steps that the fastest of the arms needs.
 
     Raises:
         TypeError: an argument is of the wrong kind.
-        ValueError: a value is unknown or out of range, or a sequence has not one entry per lane; the message names
-            the lane if there are several.
+        ValueError: a value is unknown or out of range, or a sequence does not have one entry per lane; the message
+            names the lane if there are several.
         gymnasium.error.ResetNeeded: `step` before `reset`, or with a lane that has ended if nothing resets it.
     """
 
@@ -273,7 +273,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     @property
     def autoreset_mode(self) -> AutoresetMode:
-        """What follows the end of an episode, as TorchRL asks for it; see the class."""
+        """The autoreset mode, as TorchRL queries it; see the class."""
         return self._mode
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -292,9 +292,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Restore a state of an environment with the same arguments; call `step` next, not `reset`.
 
         Raises:
-            TypeError: the state is no dictionary.
-            ValueError: the state is of an environment made with other arguments, or no state that an episode has. The
-                environment is as before.
+            TypeError: the state is not a dictionary.
+            ValueError: the state belongs to an environment with other arguments or is impossible. The environment is
+                unchanged.
         """
         mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
@@ -319,7 +319,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
     def _judge(self, scalars: np.ndarray) -> None:
-        """Change rewards and ends in the scalars (10, lanes) of a step, where a task has its own."""
+        """Change rewards and ends in the scalars (10, lanes) of a step, if a task defines its own."""
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
         info = values(self.lanes.layout.each(vectors), scalars, flagged)
@@ -332,7 +332,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _step_after_ends(
         self, torque: np.ndarray, over: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Do a step in which the lanes `over` (n,) begin their next episode, or refuse it in the mode without."""
+        """Step, with the lanes `over` (n,) beginning their next episode; refuse without autoreset."""
         if self._mode is AutoresetMode.DISABLED:
             lanes = ", ".join(map(str, over[:8])) + (", ..." if len(over) > 8 else "")
             raise ResetNeeded(
@@ -365,7 +365,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return arguments.each_lane(chosen, arguments.per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
-        """Return the scenarios that reset options ask for, None if they ask for none."""
+        """Return the scenarios requested by reset options, or None."""
         if not options:
             return None
 

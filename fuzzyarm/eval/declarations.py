@@ -1,4 +1,4 @@
-"""The declarations of policies in files of results, see `policies.declared`, and which user's code may run."""
+"""The declarations of policies in results files, see `policies.declared`, and which user code may run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def declarations_of(
 
 
 def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict[str, str] | None]:
-    """Return declarations as files of results hold them."""
+    """Return declarations in the form used by results files."""
     return {label: None if own is None else own._asdict() for label, own in found.items()}
 
 
@@ -40,22 +40,22 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
     if set(written) != set(labels):
-        raise ValueError("declared is not of the policies that were run")
+        raise ValueError("declared does not match the policies that were run")
     return {label: None if written[label] is None else stated(written[label]) for label in labels}
 
 
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the `named` policies that are neither user's code among `policies` nor the new path of one of them.
+    """Return the `named` policies that are neither user code among `policies` nor the new path of one of them.
 
-    ValueError unless all user's code among `policies` is `named`, because a file alone runs no code; `place` begins its
-    message.
+    ValueError, with a message that begins with `place`, unless all user code among `policies` is `named`: a file alone
+    runs no code.
     """
     specs = list(map(resolve, policies))
     code, labels = [spec.name for spec in specs if spec.kind is Kind.CODE], [spec.label for spec in specs]
     permitted = set(map(recorded, named))
     if flags := " ".join(f"--policy {name}" for name in code if recorded(name) not in permitted):
         raise ValueError(
-            f"{place} that is not part of fuzzyarm, which a file alone does not get run; if you trust it, add {flags}"
+            f"{place} that is not part of fuzzyarm, which a file alone cannot run; if you trust it, add {flags}"
         )
     others = [spec for spec in map(resolve, named) if recorded(spec.name) not in set(map(recorded, code))]
     return [one.name for one in others if one.kind is Kind.CODE or one.named or one.label not in labels]
@@ -67,7 +67,7 @@ def declared_cells(own: Declared | None) -> tuple[str, ...]:
 
 
 def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], console: Console) -> None:
-    """Print rows as blocks with one line per cell: on a terminal six columns of sentences would be one word wide."""
+    """Print rows as blocks with one line per cell, because six columns of sentences do not fit a terminal."""
     console.print()
     fields = list(headings[1:])
     cells = [(f"  {heading}", cell) for _, *own in rows for heading, cell in zip(fields, own, strict=True)]

@@ -1,7 +1,6 @@
 """Pieces of work on many workers: joblib runs them in processes of this machine or on Ray's workers on a cluster.
 
-When a worker dies, for example because memory runs out, only the pieces that were running are lost, and they are run
-again.
+When a worker dies, for example because memory runs out, only the running pieces are lost, and they are run again.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ _INSTALLED = {"site-packages", "dist-packages"}  # names of the folders that Pyt
 
 
 class WorkersLost(Exception):
-    """Workers die again and again; the message says how often."""
+    """Workers die repeatedly; the message says how often."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Engine:
-    """The workers that do the work.
+    """The workers, and how they are run.
 
     Attributes:
         backend: local (processes of this machine) or ray.
@@ -59,7 +58,7 @@ class Engine:
         if self.jobs is not None:
             whole("jobs", self.jobs, low=1)
         if self.address is not None and self.backend != "ray":
-            raise ValueError(f"address {self.address!r} is of a Ray cluster: use it with --backend ray")
+            raise ValueError(f"address {self.address!r} belongs to a Ray cluster: use it with --backend ray")
         if self.address is not None and self.address.startswith("ray://"):
             raise ValueError(
                 f"address {self.address!r}: a Ray client cannot do this; run on one of the cluster's machines, "
@@ -114,7 +113,7 @@ class Engine:
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
-        """Choose joblib's backend for the block; yield the number of workers and the errors that a dead one raises."""
+        """Choose joblib's backend for the block; yield the number of workers and the errors raised when one dies."""
         from joblib import parallel_config
 
         if self.backend == "local":
@@ -153,7 +152,7 @@ def _pickled(work: Callable[[int], Any]) -> bytes:
         content: bytes = cloudpickle.dumps((Registry.additions(), work))
     except (AttributeError, TypeError, pickle.PicklingError) as error:
         raise ValueError(
-            f"policies, or what was added by name, cannot be sent to other processes ({error}): use --jobs 1, or "
+            f"policies or objects added by name cannot be sent to other processes ({error}): use --jobs 1, or "
             "make them picklable"
         ) from None
     return content
@@ -171,7 +170,7 @@ def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
 def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[Path]) -> Iterator[None]:
     """Connect to a Ray cluster for the block, or start one on this machine, and send it the modules.
 
-    If this process is connected to a cluster already, that one is used as it is, and stays connected.
+    If this process is already connected to a cluster, that connection is used and kept.
     """
     if ray.is_initialized():
         yield

@@ -1,4 +1,4 @@
-"""The provenance of a result, which makes it reproducible, and documents of results as text."""
+"""The provenance that makes a result reproducible, and results documents as text."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def current_provenance() -> dict[str, Any]:
 
 
 def made_now(command: str | None) -> dict[str, Any]:
-    """Return command, date and `current_provenance`: the beginning of documents of results."""
+    """Return command, date and `current_provenance`: the beginning of a results document."""
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return {"command": command, "date": now, **current_provenance()}
 
@@ -41,7 +41,7 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def installed() -> dict[str, str]:
-    """Return the versions of Python, libraries and system that a bug report needs beside that of fuzzyarm."""
+    """Return the versions of Python, libraries and system for a bug report."""
     versions = {name: version_of(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
     return {
         "Python": platform.python_version(),

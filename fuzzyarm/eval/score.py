@@ -1,14 +1,14 @@
-"""The score of a policy on a held-out set, by which a challenge ranks policies.
+"""The score of a policy on a held-out set, used to rank policies in a challenge.
 
-Each episode follows a path that no training draws, on an arm with other masses, springs and friction, under one of four
-loads. With the tip error d of each millisecond, until the reference ends,
+Each episode follows a held-out path, on an arm with random masses, springs and friction, under one of four loads. With
+the tip error d of each millisecond, until the reference ends,
 
     S = mean of 1 - ln(1 + d/s)/ln(1 + R/s),   s = 10 µm, R = 0.2 m, 0 where d > R and after an early end,
     N = 100 (S - S_c) / (S_o - S_c),
 
-with S_c of computed-torque and S_o of learned-observer on the same set: the arm's equations alone reach 0, and an
-observer that learned to estimate its load reaches 100. The set is drawn from the name of the version, so that it is
-public, the same for everyone, and new with each version.
+with S_c of computed-torque and S_o of learned-observer on the same set: a law that knows only the arm's equations
+scores 0, and an observer that learned to estimate its load scores 100. The set is drawn from the name of the version,
+so that it is public, the same for everyone, and new with each version.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _PERIOD = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class _HeldOut:
-    """Episodes that no training draws: arm, reference, disturbance and number of the group of each."""
+    """Held-out episodes: arm, reference, disturbance and group number of each."""
 
     arms: tuple[ArmParameters, ...]
     references: tuple[Reference, ...]
@@ -64,7 +64,7 @@ class _Score:
     """The results of a policy on the held-out set.
 
     Attributes:
-        S: (episodes,) mean of the module's docstring.
+        S: (episodes,) the mean defined in the module's docstring.
         rms: (episodes,) root mean square tip error until the end [m].
         rate: (episodes,) root mean square rate of the torque [N m/s].
         lost: (episodes,) booleans: the tip error exceeded R at some instant, or the episode ended early.

@@ -1,1 +1,1 @@
-"""How a law leaves this package: written down with its numbers, and as C."""
+"""Export of a law: as a sheet of equations and numbers, and as C."""

@@ -1,4 +1,4 @@
-"""The C text of a recorded program: one statement an operation, in the order of the law's source; loops stay loops.
+"""The C text of a recorded program: one statement per operation, in the order of the law's source; loops stay loops.
 
 Unused operations are left out. An operation that is used once, in the region where it is computed, is written in
 brackets at its use, which changes neither its operands nor its rounding. C functions in the source itself replace those
@@ -67,7 +67,7 @@ class _Program(Program):
         return like(own.result, results)
 
     def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> _Function:
-        """Record a function; its result for arguments that are not numbers shows the shape of its result."""
+        """Record a function; calling it with placeholders shows the shape of its result."""
         result = function(*like(arguments, itertools.repeat(math.nan)))
 
         def whole(given: Any, *_: Any) -> tuple[Any, Any]:
@@ -260,7 +260,7 @@ def _literal_of(number: float, real: str) -> str:
 
 
 class _Uses:
-    """The symbols that the outputs of a program need, and where they are used."""
+    """The symbols needed by the outputs of a program, and where they are used."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
         """Search backwards from the outputs and from what is stored in the kept memory."""

@@ -2,7 +2,7 @@
 
 A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
 its torques hold during it. A step of a plant is a whole number of control periods. A host that steps the controller,
-passes the torques on and then steps the plant does what the environment's loop does, to the bit.
+passes the torques on and then steps the plant repeats the environment's loop, bit for bit.
 """
 
 from __future__ import annotations

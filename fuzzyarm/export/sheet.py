@@ -45,7 +45,7 @@ class _Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class LawSheet:
-    """Everything that an engineer needs to implement a policy."""
+    """Everything needed to implement a policy."""
 
     policy: str  # its name
     law: str  # what it is, in words
@@ -90,9 +90,10 @@ _Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # in words, its equat
 
 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
-    """Return the numbers of a certificate with units as texts, rounded to the side on which they hold.
+    """Return the numbers of a certificate with units as texts, rounded in the safe direction.
 
-    They follow from the controller's inequalities; ``claim`` is there if the policy leaves their box on its reference.
+    They follow from the controller's inequalities; ``claim`` is present if the policy leaves their box on its
+    reference.
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
@@ -196,7 +197,7 @@ def _law(policy: Policy) -> _Law:
         if isinstance(policy, kind):
             return law(policy)
     kinds = "fuzzy, computed-torque and -tip policies, elastic-observer, controller files"
-    raise ValueError(f"{type(policy).__name__} has no sheet of equations and matrices; there is one of: {kinds}")
+    raise ValueError(f"{type(policy).__name__} has no sheet of equations and matrices; available for: {kinds}")
 
 
 def _computed_torque(policy: ComputedTorquePolicy) -> _Law:

@@ -1,4 +1,4 @@
-"""The time between two samples, read off the reference that they hold.
+"""The time between two samples, determined from their references.
 
 A motion and its derivatives at two instants, T apart, leave one T that agrees with both ends (Hermite), and a second
 relation to check it by:
@@ -57,7 +57,7 @@ class SampleClock:
     def see(self, observation: np.ndarray, state: Any) -> float:
         """Return T [s], to four digits, before this observation (lanes, 5 n); 0 where it is not known.
 
-        `state` is what came with it: the observation follows the last one if that is what `returned` was then.
+        `state` is the state passed with it: the observation follows the last one if `state` equals the last `returned`.
         """
         seen, period = observation.copy(), 0.0
         # Memories that are still empty are equal in any two episodes.

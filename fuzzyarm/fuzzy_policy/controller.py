@@ -1,4 +1,4 @@
-"""The controller file: gains, robot, specification and everything a proof needs, as JSON.
+"""The controller file: gains, robot, specification and all data for the proof, as JSON.
 
 The synthesis writes it, the policy reads it, and the certificate proves its claims.
 """
@@ -114,7 +114,7 @@ class Controller(SignedController):
 
     @property
     def feedforward_gains(self) -> np.ndarray:
-        """L (N, N_e, 2, 6): the stored one, or that of the consistent form."""
+        """L (N, N_e, 2, 6): stored, or computed in the consistent form."""
         return consistent_feedforward(self.model) if self.feedforward is None else self.feedforward
 
     @property
@@ -136,7 +136,7 @@ class Controller(SignedController):
         document = checked_fields(content, _SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
-            raise ValueError("the premise bounds do not belong to the robot parameters: the file was changed")
+            raise ValueError("the premise bounds do not match the robot parameters: the file was changed")
         arrays: dict[str, Any] = {
             name: None if document[name] is None else np.array(decoded(document[name]))
             for name in (*_ARRAYS, *POLE_ARRAYS)

@@ -1,4 +1,4 @@
-"""The arm that a law acts on, a two-joint arm or any robot, as the numbers that compiled code takes."""
+"""The arm known to a law, a two-joint arm or any robot, as numbers for compiled code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
 
 
 class Drives(NamedTuple):
-    """Motors and springs; each part holds one number per joint, the number of one joint, or a row of an array."""
+    """Motors and springs; each part is a number per joint, the number of one joint, or a row of an array."""
 
     motor_inertia: Any
     viscous_friction: Any

@@ -4,7 +4,7 @@
 
 `memory` is a tree of numbers, zero when an episode begins; `seen` is an `Observation` with a record of one number for
 each joint in every part; `constants` is a tree of floats, and a table is looked up by `numbers.functions.row`. Torques
-are not clipped. The function is run with floats to read it; machine code and C are written from a recording of it.
+are not clipped. The function can be run with floats; machine code and C are generated from a recording of it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Law", "LawPolicy", "constants_array", "law_of", "seen_by", "within",
 
 
 class Law(NamedTuple):
-    """A law and its numbers."""
+    """A law and its constants."""
 
     act: Callable[..., tuple[Any, Any]]  # see the module
     memory: Any  # a tree of zeros
@@ -67,7 +67,7 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
 
 
 def constants_array(law: Law, *others: Any) -> np.ndarray:
-    """Return the constants of a law (k,), and further ones, as its machine code takes them."""
+    """Return the constants of a law (k,) and others, as arguments of its machine code."""
     return np.array([*flat(law.constants), *flat(others)], dtype=np.float64)
 
 
@@ -76,7 +76,7 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law and its numbers."""
+        """The law and its constants."""
         raise NotImplementedError
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
@@ -96,7 +96,7 @@ class LawPolicy(Policy):
         return all_finite(torque)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out cached properties, which are made again when they are needed."""
+        """Omit cached properties, which are recomputed when needed."""
         parts = [part for kind in type(self).__mro__ if issubclass(kind, LawPolicy) for part in vars(kind).items()]
         made = {name for name, part in parts if isinstance(part, functools.cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in made}
@@ -137,7 +137,7 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm with arrays for each thread: copying beats looking up where the caller's are."""
+    """A law for one arm with arrays for each thread, since copying is faster than locating the caller's arrays."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque
@@ -161,7 +161,7 @@ _ACTING = {"predict", "command", "act"}
 
 
 def law_of(policy: Policy) -> Law | None:
-    """Return the law of a policy; None if it has none, or if a subclass overrides how it acts."""
+    """Return the law of a policy; None if it has none, or if a subclass overrides its action."""
     for kind in type(policy).__mro__:
         if kind is LawPolicy or "control_law" in vars(kind):
             return policy.control_law if isinstance(policy, LawPolicy) else None

@@ -1,4 +1,4 @@
-"""What all policies share: the `predict` protocol of stable-baselines3, single and batched."""
+"""The base of all policies: the `predict` protocol of stable-baselines3, single and batched."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class Policy(abc.ABC):
 
     Attributes:
         parameters: the two-joint arm or the robot, as the policy knows it.
-        joints: how many joints it has, n.
+        joints: number of joints n.
         control_period: T, time between two calls of `predict` [s].
-        memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
+        memory_size: size of a lane's memory, which is zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         torque_limit: largest torques (n,) [N m].
         action_period: time for which an action is held [s]; by default the control period.
-        remake: makes this policy for another control period [s]; None if the user asked for a certain one.
+        remake: makes this policy for another control period [s]; None if the user specified one.
         integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None if none are.
     """
 
@@ -68,7 +68,7 @@ class Policy(abc.ABC):
 
     @functools.cached_property
     def memory_size(self) -> int:
-        """Numbers that a lane remembers."""
+        """Size of a lane's memory."""
         return self.joints
 
     def __getstate__(self) -> dict[str, Any]:
@@ -85,8 +85,8 @@ class Policy(abc.ABC):
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
         """Evaluate the law within the torque limits; return False if a torque is not a number.
 
-        The torque of joint j is clipped to ±Γ_j [N m]. Where it lies beyond, x_I,j stays as it was if its change would
-        drive the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
+        The torque of joint j is clipped to ±Γ_j [N m]. If it exceeds its limit, x_I,j is held if its change would drive
+        the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
         `act`: observation (lanes, 5 n), memory (lanes, memory_size), torque (lanes, n).
         """
         at, largest = self.integral_at, self.torque_limit
@@ -107,7 +107,7 @@ class Policy(abc.ABC):
         if array.dtype.kind not in "fiu":
             raise TypeError(f"state = {shown(state)} must be an array (..., {self.memory_size}) of predict")
         if array.shape[-1:] != (self.memory_size,):
-            raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as predict gives it")
+            raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as from predict")
         return array
 
     def repeated(self) -> PassLearner | None:
@@ -125,7 +125,7 @@ class Policy(abc.ABC):
 
         The time between samples follows from the reference in the first samples of an episode, see `sample_clock`. If
         it differs from the control period, a policy with `remake` changes to that period, with the memory that it would
-        have by then; any other policy warns (RuntimeWarning) and goes on.
+        then have; any other policy warns (RuntimeWarning) and continues.
 
         `state` is never changed. After a ValueError for a reading that is not a number, hold the last torques and use
         the same state at the next sample: the bad sample then has no effect.
@@ -140,7 +140,7 @@ class Policy(abc.ABC):
             Torques, (n,) or (lanes, n), and the state, (memory_size,) or (lanes, memory_size).
 
         Raises:
-            TypeError: an argument holds something else than real numbers.
+            TypeError: an argument is not of real numbers.
             ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
                 torque follows.
         """
@@ -158,7 +158,7 @@ class Policy(abc.ABC):
             if episode_start is not None:
                 starts = np.atleast_1d(array_of("episode_start", episode_start))
                 if starts.dtype.kind not in "biuf":
-                    raise TypeError(f"episode_start holds {starts.dtype}; needed: truth values")
+                    raise TypeError(f"episode_start holds {starts.dtype}; needed: booleans")
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
@@ -203,7 +203,7 @@ class Policy(abc.ABC):
 def _checked_observation(observation: Any, joints: int) -> np.ndarray:
     """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers, in C order.
 
-    An observation that has this layout already is not copied. Errors are those of `Policy.predict`.
+    An observation that already has this layout is not copied. Errors are those of `Policy.predict`.
     """
     seen = array_of("observation", observation)
     real_entries("observation", seen)
@@ -224,7 +224,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 
 
 def _no_torque(observation: np.ndarray) -> ValueError:
-    """Return the error for observations (lanes, 5 n) to which a law answers with nan."""
+    """Return the error for observations (lanes, 5 n) for which a law returns nan."""
     largest = np.abs(observation).max()
     return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
 
@@ -232,7 +232,7 @@ def _no_torque(observation: np.ndarray) -> ValueError:
 class PassLearner(abc.ABC):
     """A policy that learns from each pass over a path for the next; a pass is an episode along the path.
 
-    The state holds what has been learned. It is of the `kind` of a subclass; its `memory` is that of the `policy`,
+    The state holds what has been learned. Its type is the `kind` of a subclass; its `memory` is that of the `policy`,
     (lanes, memory_size).
     """
 
@@ -249,8 +249,8 @@ class PassLearner(abc.ABC):
         """Return the torques [N m] and the next state for an observation (5 n,) or (lanes, 5 n).
 
         The state is None for a first pass, else what the last call or `begin_pass` returned; it changes in place,
-        unless an error is raised. A pass begins with its state, so that `episode_start` is ignored, as is
-        `deterministic`. Errors are those of `Policy.predict`, and TypeError for a state of another kind.
+        unless an error is raised. The state defines the start of a pass, so `episode_start` is ignored, as is
+        `deterministic`. Errors are as for `Policy.predict`, with a TypeError for a state of another type.
         """
         seen = _checked_observation(observation, self.policy.joints)
         state = self._first(np.zeros((len(seen), self.policy.memory_size))) if state is None else self._checked(state)
@@ -261,7 +261,7 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def begin_pass(self, state: Any) -> Any:
-        """Return the state with which the next pass over the same path begins; ValueError if it has seen no sample."""
+        """Return the state with which the next pass over the same path begins; ValueError before the first sample."""
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> Any:

@@ -78,8 +78,8 @@ def checked_fields(
 ) -> dict[str, Any]:
     """Return the fields of a document by name; ValueError if its schema, its fields or its digest are wrong.
 
-    `fields` has the type of each field, `schema` and `digest` aside; fields of `optional` may be left out, and are then
-    not in the result.
+    `fields` has the type of each field except `schema` and `digest`; `optional` fields may be missing, and are then not
+    in the result.
     """
     check_schema(content, schema)
     required = {"schema": str, **fields, "digest": str}

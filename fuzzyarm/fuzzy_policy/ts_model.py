@@ -150,12 +150,12 @@ class TSModel:
 
     @property
     def E_vertices(self) -> list[np.ndarray]:
-        """The N_e matrices E_pk; dropped premises stand at the middle of their range."""
+        """The N_e matrices E_pk; dropped premises are at the middle of their range."""
         return self.polytope.E
 
     @property
     def A_vertices(self) -> list[np.ndarray]:
-        """The N matrices A_pi, likewise."""
+        """The N matrices A_pi; dropped premises are at the middle of their range."""
         return self.polytope.A
 
     @property
@@ -198,8 +198,8 @@ class TSModel:
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the memberships h (N,) and v (N_e,) at premises z (5,): in [0, 1], each summing to one.
 
-        ω = (z - z_min)/(z_max - z_min) is the weight of the *max* vertex. Outside the box (25) premises are held at
-        their bounds: the weights stay convex, the model is then no longer exact.
+        ω = (z - z_min)/(z_max - z_min) is the weight of the *max* vertex. Outside the box (25) premises are clipped to
+        their bounds: the weights stay convex, but the model is no longer exact.
         """
         low, high = self.bounds[:, 0], self.bounds[:, 1]
         omega = np.clip((z - low) / (high - low), 0.0, 1.0)

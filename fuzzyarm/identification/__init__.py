@@ -1,1 +1,1 @@
-"""Which arm is this? From a log of motor angles, velocities and torques to the arm's parameters, with intervals."""
+"""Identification of an arm's parameters, with intervals, from a log of motor angles, velocities and torques."""

@@ -1,15 +1,15 @@
 """Output error of the elastic arm: θ that brings the simulated motors closest to the logged ones, with intervals.
 
 The residuals are weighted by the noise of each measured quantity, estimated from the log's fourth
-differences at first, then from what each fit leaves. With white noise the estimate is normal with covariance
+differences at first, then from the residuals of each fit. With white noise the estimate is normal with covariance
 
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 
-A segment is left out of the last search if the search does not find its initial state, because a joint sticks, and such
-segments are few. A parameter counts as determined if the half width of its 95 % interval is at most its value. The one
-with the widest interval is fixed at the value of the start, and the others are fitted again, until all are determined.
+A few segments whose initial state is not found, because a joint sticks, are left out of the last search. A parameter
+counts as determined if the half width of its 95 % interval is at most its value. The one with the widest interval is
+fixed at the value of the start, and the others are fitted again, until all are determined.
 
-By multiple shooting each segment of the log is simulated from a state of its own under the logged torques:
+By multiple shooting each segment of the log is simulated from its own initial state under the logged torques:
 
     r(θ, x) = (measured - simulated) / σ,    x the states at the beginnings of the segments
 
@@ -89,7 +89,8 @@ class _Shooting:
     def eliminated(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states; keep these.
 
-        Levenberg's method runs in each segment by itself: a step that raises the cost is rejected, the next is shorter.
+        Levenberg's method runs separately in each segment: a step that raises the cost is rejected, and the next is
+        shorter.
         """
         states, damping, open_ = self.kept.copy(), np.ones(self.count), np.arange(self.count)
         residual, over_states = self._over_states(theta, states, open_)
@@ -257,7 +258,9 @@ def fit_elastic(
             if not _leave_out(over, theta, scale, determined, _spread(final, determined)):
                 break
         if not determined.any():
-            raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
+            raise ValueError(
+                "the log determines no parameter: the simulated arm does not fit it; check units and signs"
+            )
         lost = _lost(final)
         left = final.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
         noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)

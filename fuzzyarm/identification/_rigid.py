@@ -1,10 +1,10 @@
 """The rigid arm from a log: weighted linear least squares on the inverse dynamics.
 
-With motor and link one body, the torques are linear in nine base parameters π:
+With motor and link as one body, the torques are linear in nine base parameters π:
 
     Γ = Y(q, q̇, q̈) π,    π = (c1 + I_a1, m2 r2, c3, I_a2, m1 r1 + m2 L1, f_v1, f_v2, Γ_fc1, Γ_fc2)
 
-with c1 and c3 of (3). The lengths and gravity are known; of c1 + I_a1 only the sum counts, as long as nothing bends.
+with c1 and c3 of (3). The lengths and gravity are known; c1 and I_a1 appear only as a sum while nothing bends.
 Samples of a joint that is slower than three Stribeck velocities of the start are left out of its equation.
 
 A vector θ holds the parameters that a log of the motors may determine. Lengths, masses and gravity keep the values of
@@ -185,9 +185,9 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
 def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
     """Return the arm with base parameters π (9,), the rest as in `start`.
 
-    The motor's share of c1 + I_a1, and the ratio of static to Coulomb friction, are those of `start`. Values that no
-    link has (an inertia below 0, a mass center beyond the link unless that of `start` is) are moved into the range in
-    which the refinement may begin.
+    The motor's share of c1 + I_a1, and the ratio of static to Coulomb friction, are those of `start`. Impossible values
+    (an inertia below 0, a mass center beyond the link unless that of `start` is) are moved into the range in which the
+    refinement may begin.
     """
     total, mr2, c3, rotor2, mr1, *friction = base.tolist()
     (m1, m2), (l1, l2), before = start.mass, start.length, float(base_of(start)[0])

@@ -2,8 +2,8 @@
 
     q(t) = q_0 + w(t) a Σ_k (s_k sin 2π k f t + c_k cos 2π k f t),    k = 1..6
 
-w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begins and ends at rest at q_0, where it
-hangs bent. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
+w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begins and ends at rest at q_0, hanging with
+a bent elbow. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
 within `SHARE` of their limits. A local search from random coefficients minimises the condition number of the regressor
 of `rigid`, with columns divided by the sizes of the base parameters and rows by the torque limits.
 
@@ -208,8 +208,8 @@ def rehearsed(
     if terminated:
         seconds = len(torque) * env.control_period
         raise ValueError(
-            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the controller knows it too badly for "
-            "this motion"
+            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the controller's model is too "
+            "inaccurate for this motion"
         )
     parts = observed(np.array(measured))
     return Log(env.control_period, parts.q_motor, np.array(torque), parts.dq_motor)

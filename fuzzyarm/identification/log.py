@@ -1,11 +1,11 @@
 """A log of the motors: angles, velocities and torques at evenly spaced instants, from a CSV file.
 
-Row k has what was measured at t_k, and the torque that the motors held from t_k to t_{k+1}:
+Row k has the measurements at t_k and the torque that the motors held from t_k to t_{k+1}:
 
     time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2      [s, rad, rad/s, N m]
 
-Angles and velocities are those of the motors as seen from the joint's side of the gear. The two columns of velocities
-may be missing. The columns may stand in any order, and further columns are not read.
+Angles and velocities of the motors refer to the joint's side of the gear. The two velocity columns are optional. The
+columns may be in any order, and other columns are ignored.
 
 `Log.smoothed` returns angles, velocities and accelerations without a shift in time: a Butterworth filter of order 4
 runs forwards and backwards over the measurements, and derivatives are central differences of its output. The torque
@@ -51,8 +51,8 @@ _HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at m
 class Motion(NamedTuple):
     """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, 2).
 
-    The ends of the log do not affect the instants `settled`; as many samples as `independent` says are independent
-    among them.
+    The ends of the log do not affect the instants `settled`; `independent` is the number of independent samples among
+    them.
     """
 
     q: np.ndarray
@@ -132,8 +132,8 @@ def read_log(path: Path) -> Log:
     """Return the log in a CSV file with a heading.
 
     Raises:
-        ValueError: a column is missing or for another number of joints, a cell is not a finite number, or the instants
-            are not evenly spaced; the message names the file, the line or the column, and what is needed.
+        ValueError: a column is missing or belongs to another number of joints, a cell is not a finite number, or the
+            instants are not evenly spaced; the message names the file, the line or the column, and what is needed.
         OSError: the file cannot be read.
     """
     path = checks.path_of("path", path)
@@ -208,6 +208,6 @@ def _period(time: np.ndarray) -> float:
         k = int(wrong[0])
         raise ValueError(
             f"the step in time from line {k + 2} to line {k + 3} is {steps[k]:.6g} s, the others {period:.6g} s; "
-            "needed: instants evenly apart. Cut the log at the gap, or resample it"
+            "needed: evenly spaced instants. Cut the log at the gap, or resample it"
         )
     return float(np.mean(steps))

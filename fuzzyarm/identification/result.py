@@ -99,7 +99,7 @@ class Identified:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all results as plain numbers, lists and texts for JSON."""
+        """Return all results as plain numbers, lists and strings for JSON."""
         return {
             "samples": self.samples,
             "period": self.period,
@@ -166,7 +166,7 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
     rigid = fit_rigid(motion, instance("start", start, ArmParameters))
     if rigid.undetermined:
         raise ValueError(
-            f"too little excitation: the log does not tell {', '.join(rigid.undetermined)} (condition number "
+            f"too little excitation: the log does not determine {', '.join(rigid.undetermined)} (condition number "
             f"{rigid.condition:.3g}); move both joints to and fro, faster and further, as the motion of --suggest does"
         )
     negative = [
@@ -176,7 +176,7 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
     ]
     if negative:
         raise ValueError(
-            f"the log leads to no arm: least squares give {', '.join(negative)} a value below 0; check signs and "
+            f"the log gives no valid arm: least squares give {', '.join(negative)} a value below 0; check signs and "
             "units of the log, and masses and lengths of the start"
         )
     heavier = float(np.median(np.abs(rigid.base[:_INERTIAL] / base_of(start)[:_INERTIAL])))
@@ -184,14 +184,14 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
         f"its torques are {heavier:.2g} times those of the start: check their unit, and the start's masses and lengths"
     )
     if not 1.0 / _UNLIKELY < heavier < _UNLIKELY:
-        raise ValueError(f"the log leads to no arm: {unit}")
+        raise ValueError(f"the log gives no valid arm: {unit}")
     try:
         fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
         arm = arm_of(fit.theta, start)
     except (ValueError, np.linalg.LinAlgError) as error:
         found = "the simulated arm does not follow it" if isinstance(error, np.linalg.LinAlgError) else error
         cause = _lag(motion, rigid, start, log.period) or unit
-        raise ValueError(f"the log leads to no arm: {found}; {cause}") from None
+        raise ValueError(f"the log gives no valid arm: {found}; {cause}") from None
     return Identified(arm, start, rigid, fit, len(log.angle), log.period)
 
 

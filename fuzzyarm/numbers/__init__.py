@@ -1,1 +1,1 @@
-"""With which kind of number an equation is run: floats, symbols that are recorded, machine code made from these."""
+"""The kinds of number on which equations run: floats, recorded symbols, and machine code compiled from these."""

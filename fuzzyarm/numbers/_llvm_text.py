@@ -1,4 +1,4 @@
-"""A recorded program as LLVM's text, which loads the numbers of groups of arms, computes, and stores them.
+"""A recorded program as LLVM text, which loads, computes and stores the numbers of groups of arms.
 
 Operations, loops and branches are written for one arm or for vectors of arms. No operation may be contracted or
 reordered: there are no flags that would allow it.
@@ -48,9 +48,9 @@ WIDE = 16  # arms at once where there are many
 class Layout(enum.Enum):
     """How the numbers of a port lie in its array.
 
-    `ROWS`: (arms, numbers), the numbers of an arm side by side, rows may lie apart. `COLUMNS`: (numbers, arms), the
-    arms side by side. `BLOCKS`: (blocks, numbers, `WIDE`), `WIDE` arms in each block; there may be room for more arms
-    in the last one, which is written to, too.
+    `ROWS`: (arms, numbers), the numbers of an arm side by side; rows may have gaps. `COLUMNS`: (numbers, arms), the
+    arms side by side. `BLOCKS`: (blocks, numbers, `WIDE`), `WIDE` arms in each block; the last one may have unused
+    places, which are also written.
     """
 
     ROWS = enum.auto()
@@ -59,7 +59,7 @@ class Layout(enum.Enum):
 
 
 class _Writer:
-    """Writes the whole text, a function that gets a job and computes its arms group by group.
+    """Writes the whole text: a function that receives a job and computes its arms group by group.
 
     Each method adds lines, and some return the name of the result.
     """
@@ -82,7 +82,7 @@ class _Writer:
         self.lines.append("  " + line)
 
     def new(self, expression: str) -> str:
-        """Compute something; return its new name."""
+        """Add a computation; return its new name."""
         self.names += 1
         self.put(f"%w{self.names} = {expression}")
         return f"%w{self.names}"
@@ -103,7 +103,7 @@ class _Writer:
         return f"block{self.blocks}"
 
     def splat(self, kind: str, text: str) -> str:
-        """Return a constant, once for each arm."""
+        """Return a constant vector, with one entry for each arm."""
         return f"splat ({kind} {text})" if self.width > 1 else text
 
     def spread(self, out: str, kind: str, one: str) -> None:
@@ -113,7 +113,7 @@ class _Writer:
         self.put(f"{out} = shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
 
     def of(self, operand: Any, *, uniform: bool = False) -> str:
-        """Return the text of an operand, as one number or as one for each arm."""
+        """Return the text of an operand, as a scalar or as a vector with one number per arm."""
         if isinstance(operand, Symbol):
             return f"%s{operand.number}" if operand.uniform and (uniform or self.width == 1) else f"%v{operand.number}"
         kind, text = ("i64", str(operand % 2**64)) if isinstance(operand, Word) else ("double", _literal(operand))
@@ -197,7 +197,7 @@ class _Writer:
             self.put(f"{out} = load {'double' if one.uniform else self.real}, ptr {pointer}, align 8")
 
     def store(self, one: Store) -> None:
-        """Store a number in an array, where the branches around hold."""
+        """Store a number in an array if the enclosing branches are taken."""
         pointer, value = self.memory(one.memory, one.place.constant, one.place.terms.items()), self.of(one.value)
         if self.masks:
             old = self.new(f"load {self.real}, ptr {pointer}, align 8")
@@ -393,7 +393,7 @@ class _Writer:
                 self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
 
     def pointer(self, port: int, k: str) -> str:
-        """Return the pointer to number k of the group's first arm, or those of all of them in rows."""
+        """Return the pointer to number k of the group's first arm, or for rows the pointers of all its arms."""
         layout, kind = self.layouts[port], "i64"
         apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
         step = self.new(f"mul i64 {k}, {apart}")
@@ -618,5 +618,5 @@ class _Writer:
 
 
 def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
-    """Return a program as LLVM's text for so many arms at once."""
+    """Return a program as LLVM text for `width` arms at once."""
     return _Writer(program, layouts, width, repeated=repeated).whole_text()

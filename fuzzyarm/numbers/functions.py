@@ -1,7 +1,7 @@
 """The functions that equations use beyond arithmetic and comparisons, for every kind of number.
 
-A kind of number is a class with these names as static methods; `KINDS` has it by the type of the number. Floats need no
-such class: each function computes with them in Python.
+A kind of number is a class with these functions as static methods; `KINDS` maps the type of a number to it. Floats need
+no class: each function computes with them in Python.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def floor(x: Any) -> Any:
 
 
 def apart(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a function of numbers and records that stays a function of its own in exported C."""
+    """Mark a function of numbers and records that stays a separate function in exported C."""
 
     @functools.wraps(function)
     def called(*arguments: Any) -> Any:
@@ -58,7 +58,7 @@ def apart(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def row(table: Any, place: Any) -> tuple[Any, ...]:
-    """Return the numbers of a row of a table; a place outside means the nearest row, and nan the first row."""
+    """Return the numbers of a row of a table; an index outside the table selects the nearest row, nan the first."""
     kind = KINDS.get(type(place))
     if kind:
         return tuple(kind.row(table, place))
@@ -144,7 +144,7 @@ def each(count: Any) -> Iterable[Any]:
 
 
 def only(condition: Any) -> Iterable[None]:
-    """Return an iterable for a loop that runs once where the condition holds, else not; its body writes arrays."""
+    """Return an iterable for a loop that runs once if the condition holds, else never; its body writes arrays."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.only(condition)  # type: ignore[no-any-return]

@@ -1,7 +1,7 @@
 """Products and solutions of small linear systems, bit for bit the same on every processor.
 
-A library of linear algebra chooses its kernels by the processor, and each of them rounds in another order. Here every
-number follows from +, -, * and / in one order, which IEEE 754 rounds correctly. Matrices may have leading axes.
+A linear algebra library selects its kernels by processor, and these round in different orders. Here every number is
+computed by +, -, * and / in one order, which IEEE 754 rounds correctly. Matrices may have leading axes.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """A recorded program as machine code, by LLVM: the same for one arm and for many at once, with the same bits.
 
 The program becomes LLVM's text with vectors of `width` arms, and no operation may be contracted or reordered. Numbers
-of arms stay where they are, see `Layout`. A group of `width` arms is taken from there, stays in the processor's first
-cache for all its steps, and is put back.
+of arms stay where they are, see `Layout`. A group of `width` arms is loaded, stays in the processor's first-level cache
+for all its steps, and is stored again.
 
-Machine code is kept on disk by a digest of text, processor, level and LLVM's version. A file that is not what was
-written is made again, and without a folder to write there are no files.
+Machine code is kept on disk by a digest of text, processor, level and LLVM's version. A damaged file is replaced, and
+without a writable folder there are no files.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 
 
 class Kernel:
-    """A program that runs on arrays in place, by default all in rows; in several steps of a call if it is `repeated`.
+    """A program that runs on arrays in place, by default all in rows; with several steps per call if `repeated`.
 
     One arm, or a few, are run one after the other, and many in groups of `WIDE`, or of `EIGHT` where the program is
     long; machine code is made when it is first needed.
@@ -131,8 +131,8 @@ class Kernel:
     ) -> Call:
         """Return the kernel bound to arrays.
 
-        Arrays of each port are float64, see `Layout`, constants (k,) float64, tables float64 in the shapes that the
-        program knows, where any number of rows is at least one. ValueError for another shape, type or layout.
+        Arrays of each port are float64, see `Layout`; constants (k,) and tables are float64, the latter in the
+        program's shapes, with at least one row. ValueError for another shape, type or layout.
         """
         return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
 
@@ -174,11 +174,11 @@ class Kernel:
 
     @functools.cached_property
     def _wide(self) -> int:
-        """How many arms a vector holds; half as many where a long program would not fit into the registers."""
+        """Number of arms in a vector; halved if a long program would not fit into the registers."""
         return EIGHT if self.program.size() > _LONG and not self.program.arrays else WIDE
 
     def code(self, arms: int) -> _Code:
-        """Return the machine code for so many arms."""
+        """Return the machine code for a number of arms."""
         width = 1 if arms < WIDE // 2 else self._wide
         code = self._codes.get(width)
         if code is None:

@@ -1,7 +1,8 @@
-"""Recording: a function is run on symbols, and what it computes becomes a program, each operation once.
+"""Recording: a function is run on symbols, and its computations become a program with each operation once.
 
-A `Program` has regions: its top, and within it loops and branches. An operation whose operands stand before a loop is
-put before the loop; one in a branch stays there. What depends on constants alone is *uniform*: one number for all arms.
+A `Program` has regions: its top, and within it loops and branches. An operation whose operands precede a loop is placed
+before the loop; one in a branch stays there. Symbols that depend only on constants are *uniform*: one number for all
+arms.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ __all__ = ["Program"]
 class Program:
     """A recorded function ``f(*ports, constants, *tables)`` that returns as many ports.
 
-    A port is a tree of numbers that each arm has of its own. Each number that the function returns is stored in the
+    A port is a tree of numbers that differ between arms. Each number that the function returns is stored in the
     place of the number that it was given, unless it is returned unchanged.
 
     Attributes:
-        ports: how many numbers each port has; `arrays`: each array of its own.
+        ports: how many numbers each port has; `arrays`: each array of the program's own.
         constants: the symbols of the constants, which are the same for all arms.
         tables: the shape of each table; it begins with 0 where a kernel is given the number of rows.
         cells: the places among all numbers of ports that belong to arrays.
@@ -42,9 +43,9 @@ class Program:
     ) -> None:
         """Record the function.
 
-        Ports are trees of which only the shape matters; their `Cells` become arrays, which the function changes in
-        place. Constants are such a tree without `Cells`. Tables are given by their shapes, 0 for any number of rows.
-        ValueError if the function returns ports with other counts of numbers than it takes.
+        Ports are trees whose shape alone matters; their `Cells` become arrays, which the function changes in place.
+        Constants are a tree without `Cells`. Tables are given by their shapes, with 0 for any number of rows.
+        ValueError if the sizes of the returned ports differ from the given ones.
         """
         self.count, self.top, self.tables = 0, Region(None), tuple(tables)
         self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
@@ -132,7 +133,7 @@ class Program:
         """Return the symbol of an operation; record the operation unless its result is already available."""
         if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
             if operation not in _OF_WORDS:
-                raise TypeError(f"{operation} is no operation of words")
+                raise TypeError(f"{operation} is not an operation on words")
             operands = tuple(one if isinstance(one, Symbol) else Word(one) for one in operands)
             kind = "real" if operation in ("number", "bits") else "word"
         elif operation in _ARITHMETIC:
@@ -162,7 +163,7 @@ class Program:
         return symbol
 
     def _real(self, operand: Any) -> Any:
-        """Return a truth value as 1.0 or 0.0, and other operands unchanged."""
+        """Return a boolean as 1.0 or 0.0, and other operands unchanged."""
         return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
 
     def size(self) -> int:

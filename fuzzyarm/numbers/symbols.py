@@ -18,11 +18,11 @@ __all__ = ["Array", "Branch", "For", "Index", "Loop", "Region", "Store", "Symbol
 
 
 class Word(int):
-    """A constant of 64 bits, of a type of its own so that it is not taken for a float."""
+    """A constant of 64 bits, with its own type so that it is not mistaken for a float."""
 
 
 class Symbol:
-    """A number, a truth value or a word of 64 bits that a program computes.
+    """A number, boolean or 64-bit word that a program computes.
 
     Attributes:
         number: its own, from 1 in the order of recording.
@@ -146,7 +146,7 @@ class Array:
     def __setitem__(self, key: Any, value: Any) -> None:
         first, shape, _ = self._place(key)
         if shape or self.memory.startswith("table"):
-            raise TypeError("numbers of an array are written one by one, and those of a table never")
+            raise TypeError("arrays are written number by number, and tables are read-only")
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
@@ -200,7 +200,7 @@ class For(NamedTuple):
 
 
 class Store(NamedTuple):
-    """A number that is written to a place in memory."""
+    """A write of a number to memory."""
 
     memory: str
     place: Index

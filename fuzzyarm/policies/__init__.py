@@ -1,4 +1,4 @@
-"""From a name, a file, a folder or code to a policy."""
+"""Loading of policies by name or from a file, a folder or code."""
 
 from fuzzyarm.policies.registry import ANY_ROBOT, COMPARED, LEARNED, NAMES, Kind, add_policy
 from fuzzyarm.policies.spec import PolicySpec, found_again, load_policy, recorded, resolve, resolve_all

@@ -33,7 +33,7 @@ def learned_files(folder: Path) -> dict[str, str]:
     """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base."""
     own, bundle = {DESCRIPTION: file_digest(folder / DESCRIPTION)}, _bundle(folder)
     base = bundle.action.base if isinstance(bundle, PolicyBundle) else None
-    # A base that is no known name is refused when the policy is loaded.
+    # A base without a known name is refused when the policy is loaded.
     return own | resolve(base).files() if base is not None and resolve(base).named else own
 
 
@@ -54,7 +54,7 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
         arm = bundle.arm or ArmParameters()
         known = "the arm of Table 1" if arm == ArmParameters() else "another arm"
         trained = known if isinstance(arm, ArmParameters) else escaped(arm.name)
-        raise ValueError(f"{label} was trained on {trained} and knows no other; take {instead} --robot NAME|FILE")
+        raise ValueError(f"{label} was trained on {trained} and works on no other; use {instead} --robot NAME|FILE")
     if not isinstance(bundle, PolicyBundle):
         from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 
@@ -66,6 +66,6 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
         return LearnedObserverPolicy(bundle.network, robot, control_period)
     base = bundle.action.base
     if base is not None and not resolve(base).named:
-        raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")
+        raise ValueError(f"{folder} was trained on the base {base!r}, which is not one of: {', '.join(known_names())}")
     added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
     return LearnedPolicy(bundle, control_period, robot, added)

@@ -1,7 +1,7 @@
 """A model in an ONNX file that acts in ``FuzzyArmLearn-v0``, as a policy of this package.
 
 Its first input holds observations (lanes, size) in float32, its first output actions (lanes, n), which are clipped to
-[-1, 1]; onnxruntime runs the graph, which holds no code of its own.
+[-1, 1]; onnxruntime runs the graph, which contains no code.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LARGEST = 64 * 2**20  # bytes
 
 
 def past_seen(path: Path, inputs: int, joints: int) -> int:
-    """Return for how large a `history` a model has so many inputs; ValueError if ``FuzzyArmLearn-v0`` has no such."""
+    """Return the `history` for which a model has its number of inputs; ValueError if there is none."""
     past, rest = divmod(inputs - 6 * joints, 2 * joints)
     if inputs == 5 * joints:
         return 0
@@ -38,10 +38,10 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
 
 
 class OnnxPolicy(Policy):
-    """The policy; its memory holds the control periods since an action, the action, and what the features remember."""
+    """The policy; its memory holds the control periods since an action, the action, and the memory of the features."""
 
     def __init__(self, path: Path, robot: AnyArm, control_period: float) -> None:
-        """Load a file; ValueError if it is no such model or onnxruntime is missing, OSError if it cannot be read."""
+        """Load a file; ValueError if it is not such a model or onnxruntime is missing, OSError if it cannot be read."""
         super().__init__(robot, control_period)
         try:
             import onnxruntime
@@ -71,11 +71,11 @@ class OnnxPolicy(Policy):
 
     @property
     def memory_size(self) -> int:
-        """Numbers that a lane remembers."""
+        """Size of a lane's memory."""
         return 1 + self.joints + self._remembered
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` (lanes, n); a new action is computed where the last one was held for its period."""
+        """Fill `torque` (lanes, n); a new action is computed when the last one has been held for its period."""
         due = np.flatnonzero(memory[:, 0] == 0.0)
         if len(due):
             seen, past = np.ascontiguousarray(observation[due]), np.ascontiguousarray(memory[due, 1 + self.joints :])

@@ -1,8 +1,8 @@
-"""A model that stable-baselines3 or sb3-contrib has saved, as a learned policy of this package.
+"""A model saved by stable-baselines3 or sb3-contrib, as a learned policy of this package.
 
-Of the zip, the weights are read (by torch, which unpickles nothing then) and the texts in ``data``; the objects that it
-holds pickled are not touched. So what they alone say has to be the library's default: the activation of the layers, and
-what comes before them. The model has to be one of ``FuzzyArmLearn-v0``, whose features and action it gets.
+The zip's weights are read (by torch, without unpickling) and the strings in ``data``; pickled objects are not read. So
+settings stored only in them must be the library's defaults: the activation of the layers, and the feature extractor.
+The model must be trained on ``FuzzyArmLearn-v0``, whose features and action it gets.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolic
     beside ``NAME.zip`` with the arrays ``mean``, ``var`` and ``clip``, if there is one.
 
     Raises:
-        ValueError: the file is no such model, or the model is of another environment.
+        ValueError: the file is not such a model, or the model belongs to another environment.
         OSError: it cannot be read.
     """
     data, tensors = _read(path)
@@ -69,7 +69,7 @@ _ROUTE = "export it to ONNX, as docs/tutorials/train.md does, and give --policy 
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the texts of a zip, and its weights as arrays by name."""
+    """Return the strings of a zip, and its weights as arrays by name."""
     try:
         import torch
     except ImportError:
@@ -85,7 +85,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}
     except Exception as error:  # torch raises what it likes
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise ValueError(f"{path} is no model that stable-baselines3 saved: {reason}") from None
+        raise ValueError(f"{path} is not a model saved by stable-baselines3: {reason}") from None
     return data, tensors
 
 

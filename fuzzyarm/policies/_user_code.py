@@ -1,7 +1,7 @@
 """A policy from the user's own code, named ``package.module:factory``.
 
-The module is imported, which runs it, and the factory is called. That happens only where the user has given the name,
-as `--policy` on the command line; `fuzzyarm.load_policy`, which also takes names from files, refuses it.
+The module is imported, which runs it, and the factory is called. That happens only if the user has given the name, as
+`--policy` on the command line; `fuzzyarm.load_policy`, which also takes names from files, refuses it.
 
 The factory may take ``control_period``, the time between two calls of `predict` [s], and ``robot``, the arm the policy
 is for (`ArmParameters`); each is passed by name if the factory has a parameter of that name. It returns any object with
@@ -10,11 +10,11 @@ is for (`ArmParameters`); each is passed by name if the factory has a parameter 
 
 as in `Policy.predict`: ``observation`` (10,) as `FuzzyArmEnv` gives it, ``action`` (2,) motor torques [N m],
 ``state`` whatever the policy needs at the next call, None when an episode begins. A policy that keeps its memory
-elsewhere has to reset it itself where ``episode_start`` is true.
+elsewhere must reset it when ``episode_start`` is true.
 
-`fuzzyarm evaluate` needs no more than that. Tools that run many arms at once pass (lanes, 10) and need (lanes, 2) back,
+That is enough for `fuzzyarm evaluate`. Tools that run many arms at once pass (lanes, 10) and need (lanes, 2) back,
 with a state that has one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None or an
-array (lanes, m). More is used if the object has it:
+array (lanes, m). Optional attributes are:
 
     action_period              time for which an action is held [s]
     without_dry_friction()     the policy for an arm without dry friction, see `fuzzyarm.eval.stability._linearisation`
@@ -23,7 +23,7 @@ array (lanes, m). More is used if the object has it:
                                last one of this pass, see `fuzzyarm.fuzzy_policy.policy.PassLearner`
     beliefs(state)             what it believes of the load, see `fuzzyarm.eval.episodes._beliefs`
     declared                   a mapping, or an object with attributes: ``objective``, ``tuned_on``, ``knows``, ``sees``
-                               and ``remembers``, each a text of one line, see `Declared`
+                               and ``remembers``, each a one-line string, see `Declared`
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ __all__ = ["UserPolicy", "load_code", "source_file"]
 def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserPolicy:
     """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`registry.FOREIGN`).
 
-    The current folder is searched, too, as with ``python -m``. ValueError if the module is not found or fails, it has
-    no such factory, the factory fails, or what it returns has no `predict` or a wrong `declared`.
+    The current folder is also searched, as with ``python -m``. ValueError if the module is not found or fails, has no
+    such factory, the factory fails, or its result has no `predict` or a wrong `declared`.
     """
     if prefix := foreign(name):
         path = Path(name.removeprefix(prefix))

@@ -1,8 +1,8 @@
-"""The declaration of each policy, which shows where a comparison of control and learning is not between equals.
+"""The declaration of each policy, which shows where a comparison of control and learning is unequal.
 
-A declaration says for which objective and on which plants a policy was tuned, what it knows of the arm beforehand, what
-it observes, and what it remembers from one sample to the next. Policies of the package are declared here by name, files
-and folders by their content, and the user's own code by its attribute ``declared`` (`user_code`).
+A declaration says for which objective and on which plants a policy was tuned, its prior knowledge of the arm, its
+observations, and its memory between samples. Policies of the package are declared here by name, files and folders by
+their content, and the user's own code by its attribute ``declared`` (`user_code`).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def stated(given: Any) -> Declared:
         raise ValueError(f"declared lacks {', '.join(missing)}; {allowed}")
     for name, text in found.items():
         if not isinstance(text, str) or not text.strip() or not text.isprintable():
-            raise ValueError(f"declared: {name} = {shown(text)} is none; {allowed}")
+            raise ValueError(f"declared: {name} = {shown(text)} is not allowed; {allowed}")
     return Declared(**{name: str(found[name]) for name in fields})
 
 
@@ -250,7 +250,7 @@ def _memory(bundle: Any) -> str:
 
 
 def _text(text: Any) -> str:
-    """Return a text from a file, made safe to print."""
+    """Return a string from a file, made safe to print."""
     if not isinstance(text, str) or not text.strip():
         return _UNKNOWN
     return text if text.isprintable() and len(text) <= 80 else shown(text)

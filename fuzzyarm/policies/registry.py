@@ -1,4 +1,4 @@
-"""Policies that are known by name, and how each is made; `add_policy` adds one."""
+"""Policies known by name, and how each is made; `add_policy` adds one."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS  # their names
 
 
 def foreign(name: str) -> str:
-    """Return which key of `FOREIGN` a name begins with, or an empty text."""
+    """Return the key of `FOREIGN` that a name begins with, or an empty string."""
     return next((prefix for prefix in FOREIGN if name.startswith(prefix)), "")
 
 
@@ -92,7 +92,7 @@ def _printed(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.printed_gains import with_printed_gains
 
     if robot != ArmParameters():
-        raise ValueError(f"{PAPERS[1]} is for the arm of Table 1; fuzzyarm design makes a controller for another one")
+        raise ValueError(f"{PAPERS[1]} is for the arm of Table 1; for another arm use fuzzyarm design")
     return FuzzyPolicy(with_printed_gains(Controller.load(_PAPERS_FOUR)), control_period)
 
 
@@ -152,7 +152,7 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
     if not callable(factory):
         raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")
     if name in POLICIES:
-        raise ValueError(f"there is a policy {name!r} already; choose another name")
+        raise ValueError(f"policy {name!r} already exists; choose another name")
     POLICIES[name] = _NamedPolicy(Kind.LAW, factory, has_tip=has_tip)
 
 

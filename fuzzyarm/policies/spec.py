@@ -7,12 +7,12 @@
     my-arm/computed-torque, my-arm/fuzzy-4-tip     a policy of a folder that `fuzzyarm tune` wrote
     package.module:factory                         the user's own code, see `user_code`
 
-A name may come from a file, and a file is not trusted: nothing that a name can say makes `resolve` or `load_policy`
-import or run code. Code is run where the user has named it in this process, with ``resolve(name, run_code=True)``.
+A name may come from a file, and files are not trusted: no name makes `resolve` or `load_policy` import or run code.
+Code runs only if the user has named it in this process, with ``resolve(name, run_code=True)``.
 
 Files of results record a path as it was given if it is relative, and by its last part if it is absolute, in a folder of
 `fuzzyarm tune` by its last two: ``computed-torque`` alone would be another policy. Together with the digests of its
-files, see `PolicySpec.files`, that says which policy it was, but nothing of the machine.
+files, see `PolicySpec.files`, that identifies the policy without describing the machine.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class PolicySpec:
 
         These are the controller file; the file of the laws of a tuned folder; ``policy.json`` of a learned policy,
         which holds the digest of the weights, and the files of its base; the module of the user's code, which is
-        imported for it. A law that is part of the package has none, nor has a policy that does not exist. ValueError if
+        imported for it. A law of the package has no files, nor has a policy that does not exist. ValueError if
         a learned policy is damaged, a module fails, or it may not be run; OSError if a file cannot be read.
         """
         path = self.path or Path()
@@ -142,7 +142,7 @@ class PolicySpec:
         return TipPolicy(law)
 
     def _check(self) -> None:
-        """ValueError for code that may not run, a file of another library, and a folder that is no policy."""
+        """Raise ValueError for code that may not run, a file of another library, or a folder that is not a policy."""
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, DESCRIPTION, LAST, WEIGHTS
 
         if self.kind is Kind.CODE and not self.run_code:
@@ -161,18 +161,18 @@ class PolicySpec:
             inside = [str(path / name) for name in (LAST, BEST) if (path / name / DESCRIPTION).exists()]
             inside += [f"{_ROUTES[entry.suffix]}{entry}" for entry in sorted(path.iterdir()) if entry.suffix in _ROUTES]
             instead = f"write --policy {inside[0]}" if inside else code
-            raise ValueError(f"{path} is no policy, whose folder holds {DESCRIPTION} and {WEIGHTS}: {instead}")
+            raise ValueError(f"{path} is not a policy, whose folder holds {DESCRIPTION} and {WEIGHTS}: {instead}")
 
 
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
-    """Return what a policy's name refers to, without loading it; every text refers to something.
+    """Return the spec that a policy's name refers to, without loading it; every string refers to something.
 
     A name is a known one or a controller file (ending in ``.json``), each also with the ending ``-tip``; the folder of
     a learned policy; or ``package.module:factory``. `run_code` says whether the spec may import and run the user's
     code. Pass True only for a name that the user has typed, never for one that was read from a file.
     """
     if not isinstance(name, str | os.PathLike):
-        raise TypeError(f"a policy's name is a text or a path; {type(name).__name__} was given")
+        raise TypeError(f"a policy's name is a string or a path; {type(name).__name__} was given")
     text = str(name)
     subject = text.removesuffix(TIP)
     tip = subject != text
@@ -189,7 +189,7 @@ def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySp
 
 
 def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
-    """Return the spec of a policy in a folder of `fuzzyarm tune`; None if the name is of something else."""
+    """Return the spec of a policy in a folder of `fuzzyarm tune`; None if the name refers to something else."""
     from fuzzyarm.policies.tuned import is_tuned
 
     if path.parent == Path() or not is_tuned(path.parent):
@@ -207,7 +207,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
             raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
     if len({label.replace(":", "-") for label in specs}) < len(names):  # as in names of files
-        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
+        raise ValueError(f"policies {', '.join(names)}: two of them share a name; rename a file or folder")
     return specs
 
 
@@ -220,7 +220,7 @@ def load_policy(
 ) -> Policy:
     """Return a policy by name, or from a controller, its file, or a learned policy's folder.
 
-    Nothing that a name can say makes this function run code: a name may come from a file, and a file is not trusted.
+    No name makes this function run code, because a name may come from a file, and files are not trusted.
 
     Args:
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
@@ -231,7 +231,7 @@ def load_policy(
             file, or a folder of `fuzzyarm tune`. A controller file must have been designed for it, and a learned policy
             trained for it. Default: what a controller was designed for, the folder that holds a tuned policy, otherwise
             Table 1.
-        allow_unproven: take a controller whose inequalities are not all proven, for experiments.
+        allow_unproven: accept a controller whose inequalities are not all proven, for experiments.
 
     Raises:
         ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot.

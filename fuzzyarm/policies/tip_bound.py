@@ -1,4 +1,4 @@
-"""A proven bound of the tip error: the claim, the search for a proof, and the words that state what is proven."""
+"""A proven bound on the tip error: the claim, the search for a proof, and the statement of the result."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class TipClaim:
     Attributes:
         policy: name of the policy.
         case: name of the case, whose payload and tip force act.
-        set_name: label of the set for its user, see `check_set_name`; no word of a result is made from it.
+        set_name: label of the set for its user, see `check_set_name`; results do not depend on it.
         plants: the set.
         path: one of `PATHS`.
         duration: of the motion [s].
@@ -60,7 +60,7 @@ class TipClaim:
     steps: int | None = None
 
     def __post_init__(self) -> None:
-        """Check every field but the names of policy and case; ValueError names it and what is allowed."""
+        """Check every field except the names of policy and case; ValueError names the field and allowed values."""
         for name, kind in (("policy", str), ("case", str), ("set_name", str), ("plants", PlantSet)):
             instance(name, getattr(self, name), kind)
         object.__setattr__(self, "set_name", self.set_name or _known(self.plants) or "own")
@@ -96,7 +96,7 @@ def _known(plants: PlantSet) -> str | None:
 
 @dataclasses.dataclass(frozen=True)
 class TipBound:
-    """A proven bound of the tip error."""
+    """A proven bound on the tip error."""
 
     claim: TipClaim  # for which it is proven
     arm: ArmParameters  # in the middle of the set
@@ -108,7 +108,7 @@ class TipBound:
 
     @property
     def largest(self) -> float:
-        """The bound of the largest tip error at any sample [m]."""
+        """The bound on the tip error over all samples [m]."""
         return float(self.tip.max())
 
     def spent(self) -> dict[str, float]:
@@ -136,7 +136,7 @@ class TipBound:
 
 
 def plain(name: str) -> str:
-    """Return a name or path in ASCII, with escapes for other letters, so that no letter looks like another one."""
+    """Return a name or path in ASCII, with other letters escaped, since some look alike."""
     return ascii(name)[1:-1]
 
 
@@ -186,14 +186,14 @@ def find_bound(
     """Return a proven bound for a claim.
 
     Args:
-        claim: what is to be proven.
+        claim: the claim to prove.
         advance: called after each control step.
         claims: tubes of a file, to be confirmed; None to search for them.
-        policy: the policy itself, for one without a name; None for the one of the claim's name.
+        policy: the policy object if it has no name; None to load it by the claim's name.
 
     Raises:
-        NoBound: there is no bound; the message says from when on and why.
-        ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
+        NoBound: there is no bound; the message says when and why it fails.
+        ValueError: a name is unknown, or the case's tip force or payload does not fit the arm.
     """
     begin = time.perf_counter()
     problem = problem_of(instance("claim", claim, TipClaim), policy)

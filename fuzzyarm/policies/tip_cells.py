@@ -1,4 +1,4 @@
-"""The division of a set that is too large for one tube into cells, each with a tube of its own, on several cores.
+"""The division of a set that is too large for one tube into cells, each with its own tube, on several cores.
 
 Every plant of the set lies in one of the cells, so the largest of their bounds holds for the whole set. The factors of
 both joints are independent, so each joint's range is divided. A cell without a tube is halved where it is widest, as a
@@ -80,7 +80,7 @@ def bounds_of_cells(
 
 
 def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
-    """Yield the bound of the cell that is the claim's set, or those of its parts after up to so many halvings.
+    """Yield the bound of the cell that is the claim's set, or of its parts after up to `halvings` halvings.
 
     `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.
     """
@@ -99,7 +99,7 @@ def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], hal
 
 
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
-    """Return where a cell is widest, as a share of the whole range; None where it has no width."""
+    """Return the range in which a cell is widest, relative to the whole range; None if it has no width."""
 
     def width(of: PlantSet, axis: Axis) -> float:
         low, high = of.of_joint(*axis)

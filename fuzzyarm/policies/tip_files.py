@@ -54,7 +54,7 @@ class _Part:
 
 @dataclasses.dataclass(frozen=True)
 class _Claimed:
-    """What the files of a bound and of one by cells both hold."""
+    """The content shared by the files of a bound and of a bound by cells."""
 
     schema: str
     policy: str
@@ -72,7 +72,7 @@ class _Claimed:
         return cls(plants=claim.plants.to_dict(), **{name: getattr(claim, name) for name in names}, **others)
 
     def claim(self, samples: int) -> TipClaim:
-        """Return the claim for so many samples, once the bound is checked."""
+        """Return the claim for `samples` samples of a checked bound."""
         real("bound", self.bound, "m", low=0.0, high=_LARGEST)
         plants = record(self.plants, PlantSet)
         if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
@@ -118,7 +118,7 @@ class BoundCheck:
 
     @property
     def sentence(self) -> str:
-        """One sentence that states what is proven of the tip."""
+        """One sentence that states what is proven about the tip."""
         c, most = self.claim, at_most(1e3 * self.bound, 4)
         said = "claimed" if self.reason else "proven"
         motion = c.motion(len(self.tip))
@@ -179,7 +179,7 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 
 
 def is_bound(path: Path) -> bool:
-    """Return whether a file begins like the file of a bound, of one tube or by cells; OSError if it is unreadable."""
+    """Return whether a file begins like the file of a bound, single or by cells; OSError if it is unreadable."""
     with open_regular(path) as file:
         begin = file.read(64)
     return any(schema.encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
@@ -213,7 +213,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
         claim = document.claim(len(document.tip))
         tip = finite_array("tip", document.tip, (len(document.tip),), largest=_LARGEST) * _ROUNDING
         if resolve(document.policy).files() != document.files:
-            raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
+            raise ValueError(f"policy {document.policy} has changed since the bound was found")
         claims = [[_claimed(part) for part in step] for step in document.steps]
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
@@ -252,7 +252,7 @@ def _check_cells(path: Path, content: Any) -> BoundCheck:
 
 
 def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
-    """Return what a bound by cells lacks; empty if it is proven."""
+    """Return why a bound by cells is not proven; empty if it is."""
     ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
     for cell in found:
         whole = dataclasses.replace(

@@ -1,11 +1,11 @@
-"""The folder that `fuzzyarm tune` writes: an arm, its controller files, and the numbers of its other laws.
+"""The folder that `fuzzyarm tune` writes: an arm, its controller files, and the parameters of its other laws.
 
     robot.toml      the arm, as `--robot` takes it
     fuzzy-4.json    a controller file
     laws.json       the numbers of the laws and the names of the policies (`TunedLaws`)
 
 ``folder/fuzzy-4-tip``, ``folder/computed-torque`` and so on are names of policies, and the folder itself names the arm
-wherever a robot is asked for. The file of the laws is bound to the arm: a folder whose arm was changed is refused.
+wherever a robot can be given. The file of the laws belongs to the arm: a folder whose arm was changed is refused.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class TunedLaws:
         for name in self.policies:
             inner = name.removesuffix(TIP)
             if not name.isprintable() or any(mark in name for mark in "/\\:"):
-                raise ValueError(f"policies: {name!a} is no name of a policy in the folder")
+                raise ValueError(f"policies: {name!a} is not the name of a policy in the folder")
             if inner in LAWS and given[inner] is None:
-                raise ValueError(f"policies: {name} is there, but the numbers of {inner} are not")
+                raise ValueError(f"policies: {name} is present, but the parameters of {inner} are missing")
 
     @classmethod
     def read(cls, folder: Path, arm: AnyArm) -> TunedLaws:

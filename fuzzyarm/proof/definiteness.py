@@ -30,7 +30,7 @@ def rational(value: Any) -> fmpq:
 def stated(value: float) -> fmpq:
     """Return the shortest decimal number that identifies a float, its `repr`, as an exact rational.
 
-    It is the number that a text states and a person means: 0.1 is 1/10, where the float itself is a little more.
+    It is the number that a text states and a reader expects: 0.1 is 1/10, although the float itself is slightly larger.
     """
     return rational(Fraction(repr(float(value))))
 
@@ -50,7 +50,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray | None:
 
 
 def smallest_eigenvalue(matrix: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floats; it is no proof."""
+    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floats, not proven."""
     scaled = _scaled(matrix)
     return -np.inf if scaled is None else float(np.linalg.eigvalsh(scaled[0])[0])
 

@@ -1,9 +1,10 @@
 """The bounds of a robot's inertia that a scheduled controller claims, as matrices that must be positive definite.
 
-*Inertia.* That of a robot, or of its last links on a moving base, is an exact trigonometric polynomial of its angles.
-The kinetic energy of links a + 1 to n, whose base is link a, is T = ½ yᵀ D(q) y. Here y holds the base's twist, the
-velocity of its origin and its angular velocity in its own frame, and the joint rates q̇_(a+1) ... q̇_n; a base at rest
-leaves only the rates, and D is the mass matrix M. In the frame of link i, with A_i(q_i) = rotation_i exp([u_i]× q_i),
+*Inertia.* The inertia of a robot, or of its last links on a moving base, is an exact trigonometric polynomial of its
+angles. The kinetic energy of links a + 1 to n, whose base is link a, is T = ½ yᵀ D(q) y. Here y holds the base's twist,
+the velocity of its origin and its angular velocity in its own frame, and the joint rates q̇_(a+1) ... q̇_n; a base at
+rest leaves only the rates, and D is the mass matrix M. In the frame of link i, with A_i(q_i) = rotation_i exp([u_i]×
+q_i),
 
     ω_i = A_iᵀ ω_(i-1) + u_i q̇_i,    v_i = A_iᵀ (v_(i-1) + ω_(i-1) × d_i),
     T = ½ Σ_i m_i |v_i + ω_i × c_i|² + ω_iᵀ I_i ω_i,
@@ -23,8 +24,8 @@ constants with
 
     D_low < D(q_(a+1) ... q_n) < D_high
 
-make of M̄ two matrices of the angles q_2 ... q_a alone, between which it lies: M_low has D_low in place of D, and M_high
-has D_high. Both steps are matrices of few angles. Nothing of this is sampled.
+enclose M̄ between two matrices of the angles q_2 ... q_a alone: M_low with D_low in place of D, and M_high with D_high.
+Both steps use matrices of few angles, and nothing is sampled.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def _inertia_at(
     """Return D of links `first` + 1 to `last`, exact rationals (s, s), at exact cosines and sines of their angles.
 
     Link a = `first` is the base; for a = 0 it rests, else b = 6 rows of D are for its twist. Links beyond `last` are
-    left out, but for `tail`, W (6 + m, 6 + m): a form ½ (v, ω, q̇)ᵀ W (v, ω, q̇) of the last link's twist and m more
+    omitted except for `tail`, W (6 + m, 6 + m): a form ½ (v, ω, q̇)ᵀ W (v, ω, q̇) of the last link's twist and m more
     rates, which is added; s = b + `last` - `first` + m.
     """
     joints, moving = robot.joints[first:last], TWIST if first else 0
@@ -117,9 +118,9 @@ def _rotation(axis: Sequence[float], c: fmpq, s: fmpq) -> fmpq_mat:
 
 
 def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Yield every bound that a controller claims, in exact rationals of its robot and its stored numbers.
+    """Yield every bound claimed by a controller, in exact rationals of its robot and stored numbers.
 
-    Each is a name, the polynomial of a matrix that has to be positive definite, and the ranges (d, 2) of its angles
+    Each is a name, the polynomial of a matrix that must be positive definite, and the ranges (d, 2) of its angles
     [rad].
     """
     robot, split = controller.robot, controller.split
@@ -148,7 +149,7 @@ def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.nd
 
 
 def angle_ranges(robot: Robot) -> np.ndarray:
-    """Return the ranges (n, 2) of the angles [rad]; one of a whole turn or more becomes a little more than [-π, π]."""
+    """Return the ranges (n, 2) of the angles [rad]; one of a full turn or more becomes slightly more than [-π, π]."""
     ranges = np.array([joint.angle_range for joint in robot.joints])
     whole = ranges[:, 1] - ranges[:, 0] >= 2.0 * np.pi - 1e-9
     return np.where(whole[:, np.newaxis], np.array([-3.141593, 3.141593]), ranges)

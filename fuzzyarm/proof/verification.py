@@ -55,7 +55,7 @@ class Verification:
         return {**head, **own, "claims": claims}
 
     def to_text(self) -> str:
-        """Return the report as text: verdict, content of the file, proof, the claims that say most, certificate."""
+        """Return the report as text: verdict, content of the file, proof, the main claims, certificate."""
         c, every = self.controller, self.certificate.claims
         proven = sum(claim.proven for claim in every)
         if isinstance(c, ScheduledController):

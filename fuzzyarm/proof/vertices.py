@@ -1,4 +1,4 @@
-"""The vertex matrices that the inequalities are built from, with the integral of Remark 2 appended.
+"""The vertex matrices of the inequalities, with the integral of Remark 2 appended.
 
     Ē_k = diag(E_pk, I),   Ā_i = [[A_pi, 0], [C_p, 0]],   B̄ = [B_p; 0],   C_p = [I 0],
 
@@ -87,11 +87,11 @@ class TrackingVertices(Vertices):
 def error_vertices(
     model: TSModel, integral: bool, *, common_multiplier: bool = False, rationals: bool = False
 ) -> Vertices:
-    """Return the vertices of a T-S model, of ē = (e, x_I) with the integral (Remark 2), else of e.
+    """Return the vertices of a T-S model for ē = (e, x_I) with the integral (Remark 2), else for e.
 
-    With a `common_multiplier` all dropped premises of A have one, as Theorem 2 prints it, and so have those of E; else
-    each has its own, which is less conservative. Entries are floats, or with `rationals` exact, computed from the robot
-    parameters.
+    With a `common_multiplier` all dropped premises of A share one multiplier, as in the printed Theorem 2, and so do
+    those of E; otherwise each has its own, which is less conservative. Entries are floats, or exact with `rationals`,
+    computed from the robot parameters.
     """
     polytope = model.polytope_in(rational) if rationals else model.polytope
     terms, B = polytope.uncertainties, model.B

@@ -1,8 +1,8 @@
-"""The checkpoint of a training: one file, replaced as a whole, so that a complete one is always there.
+"""The checkpoint of a training run: one file, replaced atomically, so that a complete one always exists.
 
-The file is a line, ``fuzzyarm-checkpoint/3 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
-It is read with ``weights_only=True``: no code in it is run. `check_like` compares what it holds with what a new
-training of the same configuration holds: nothing of a state is used before all of it fits.
+The file is a line, ``fuzzyarm-checkpoint/3 SHA256``, followed by the output of `torch.save` for tensors, numbers and
+text. It is read with ``weights_only=True``: no code in it is run. `check_like` compares its content with that of a new
+training of the same configuration: no part of a state is used before all of it fits.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SHOWN = 200  # characters of a library's message
 
 
 class CheckpointError(ValueError):
-    """A checkpoint is missing, damaged or of another training; the message is one line that says what to do."""
+    """A checkpoint is missing, damaged or from another training; the message is one line that says what to do."""
 
 
 def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
@@ -97,15 +97,15 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def check_like(name: str, found: Any, own: Any) -> None:
-    """Check that a part of a checkpoint is as that of a new training: names, and types and shapes of tensors.
+    """Check that a part of a checkpoint matches a new training: names, and types and shapes of tensors.
 
-    Lists and empty mappings grow in a training; whoever uses their content checks it. ValueError says, with `name`,
-    where the two differ.
+    Lists and empty mappings grow in a training; their user checks their content. ValueError says, with `name`, where
+    the two differ.
     """
     own = _as_tensors(own)
     if isinstance(own, dict) and own:
         if not isinstance(found, dict) or set(found) != set(own):
-            raise ValueError(f"{name} has other names than this training")
+            raise ValueError(f"{name} does not have the names of this training")
         for key, value in own.items():
             check_like(f"{name}.{key}", found[key], value)
     elif isinstance(own, torch.Tensor):
@@ -115,11 +115,11 @@ def check_like(name: str, found: Any, own: Any) -> None:
     else:
         kinds = float | int if isinstance(own, float) else type(own)
         if not isinstance(found, kinds) or isinstance(found, bool) != isinstance(own, bool):
-            raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
+            raise ValueError(f"{name} = {shown(found)} has a different type than in this training")
 
 
 def check_finite(name: str, found: Any) -> None:
-    """Raise ValueError for a part of a checkpoint with a number beyond ±`_LARGEST_NUMBER`, or none."""
+    """Raise ValueError for a part of a checkpoint with a number that is nan or beyond ±`_LARGEST_NUMBER`."""
     if isinstance(found, dict | list | tuple):
         for value in found.values() if isinstance(found, dict) else found:
             check_finite(name, value)
@@ -131,13 +131,13 @@ def check_finite(name: str, found: Any) -> None:
 
 
 def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
-    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if they are none."""
+    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if invalid."""
     rows, best = instance("rows", found["rows"], list), found["best"]
     for row in rows:
         if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
             raise ValueError(f"rows holds {shown(row)}")
     if not is_real(best) or math.isnan(best):
-        raise ValueError(f"best = {shown(best)} is no number")
+        raise ValueError(f"best = {shown(best)} is not a number")
     wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
     return rows, float(best), (wall, cpu)
 
@@ -154,12 +154,12 @@ def random_state() -> dict[str, Any]:
 
 
 def set_random_state(state: dict[str, Any]) -> None:
-    """Put the random generators back to what `random_state` returned; an exception if `state` is no such state."""
+    """Restore the random generators to a result of `random_state`; an exception if `state` is not one."""
     check_like("generators", state, random_state())
     drawn, python = state["numpy"], state["python"]
     keys = np.array(drawn["keys"].numpy())
     if keys.min() < 0 or keys.max() >= 2**32:
-        raise ValueError("generators.numpy.keys are no words of 32 bits")
+        raise ValueError("generators.numpy.keys are not 32-bit words")
     whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy reads there without a check
     torch.set_rng_state(state["torch"])
     drawn = drawn | {"keys": keys.astype(np.uint32)}
@@ -168,7 +168,7 @@ def set_random_state(state: dict[str, Any]) -> None:
 
 
 def _check_archive(data: bytes) -> None:
-    """Check that the archive unpacks to no more than it is: `torch.save` compresses nothing."""
+    """Check that the archive does not grow when unpacked: `torch.save` compresses nothing."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
     if any(member.compress_type != zipfile.ZIP_STORED for member in members):
@@ -200,7 +200,7 @@ def _check_values(loaded: Any, size: int) -> None:
 
 
 def _as_tensors(content: Any) -> Any:
-    """Return the content with tensors in place of NumPy arrays, which the safe reader does not know."""
+    """Return the content with tensors in place of NumPy arrays, which the safe reader does not support."""
     if isinstance(content, dict):
         return {name: _as_tensors(value) for name, value in content.items()}
     if isinstance(content, (list, tuple)):
@@ -213,7 +213,7 @@ def _as_tensors(content: Any) -> Any:
 def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, parameters: Sequence[torch.Tensor]) -> None:
     """Check the numbers in a state of PPO, after `check_like` and `check_finite`.
 
-    Of the settings of Adam only the learning rate changes. `parameters` are in the order of the optimizer. TypeError or
+    Only the learning rate changes among Adam's settings. `parameters` are in the order of the optimizer. TypeError or
     ValueError says where a number is out of range or does not fit.
     """
     for group, own in zip(found["optimizer"]["param_groups"], optimizer.state_dict()["param_groups"], strict=True):

@@ -1,4 +1,4 @@
-"""The networks of PPO with a value function that sees what no sensor measures, and smooth actions in the loss."""
+"""The networks of PPO, with a privileged value function and a smoothness term in the loss."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _TIP, _FORCE = 1e-4, 200.0  # m, N
 
 
 class PlantView(VecEnvWrapper):
-    """Arms whose observations end with what no sensor measures, for a value function that is not shipped.
+    """Arms whose observations end with unmeasured quantities, for a value function that is not shipped.
 
-    That is the tip's error, asinh((p - p_d)/0.1 mm), the bending of the joints, asinh((q_b - q_a)/0.1 mrad), the links'
-    velocities, asinh(q̇_b/(10 mrad/s)), the tip force in 200 N, and the numbers that the episode drew.
+    These are the tip's error, asinh((p - p_d)/0.1 mm), the bending of the joints, asinh((q_b - q_a)/0.1 mrad), the
+    links' velocities, asinh(q̇_b/(10 mrad/s)), the tip force in 200 N, and the episode's draws.
     """
 
     def __init__(self, venv: StableBaselinesVecEnv) -> None:
@@ -50,7 +50,7 @@ class PlantView(VecEnvWrapper):
         return np.hstack([observation, self._plant(slice(None))])
 
     def _plant(self, which: Any, info: Mapping[str, Any] | None = None) -> np.ndarray:
-        """Return the numbers of some lanes (rows, size), each of order 1 but for what was drawn."""
+        """Return the numbers of some lanes (rows, size), each of order 1 except the draws."""
         info = self.venv.vector_info if info is None else info
         parts = [
             np.arcsinh((info["tip"] - info["tip_reference"])[which] / _TIP),
@@ -70,9 +70,10 @@ NOISE = 0.05
 class GuidedPolicy(ActorCriticPolicy):
     """The networks of `stable_baselines3.PPO`, with two changes.
 
-    The policy sees all features but the last `unseen`, the value function all. With a `smoothness` λ, what PPO takes
-    for the entropy is -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for action
-    policy smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative mean.
+    The policy observes all features except the last `unseen`, the value function all. With a `smoothness` λ, the
+    entropy term of PPO is -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for
+    action policy smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative
+    mean.
     """
 
     def __init__(self, *arguments: Any, unseen: int = 0, smoothness: float = 0.0, **others: Any) -> None:
@@ -82,7 +83,7 @@ class GuidedPolicy(ActorCriticPolicy):
     def evaluate_actions(
         self, obs: Any, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-        """Return values (batch, 1), log-probabilities (batch,) and what PPO takes for the entropy (batch,)."""
+        """Return values (batch, 1), log-probabilities (batch,) and the entropy term (batch,)."""
         values, log_prob, entropy = super().evaluate_actions(obs, actions)
         if self._smoothness > 0.0:
             apart = self._mean(obs + NOISE * torch.randn_like(obs)) - self._mean(obs)

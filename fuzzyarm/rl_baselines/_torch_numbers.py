@@ -14,7 +14,7 @@ __all__ = ["Angle", "Table", "Word"]
 
 
 class Angle:
-    """An angle (lanes,) [rad] in float32, and beside it what float32 could not hold of it (Kahan's compensated sum).
+    """An angle (lanes,) [rad] in float32 with its rounding error (Kahan's compensated sum).
 
     The physics adds increments to angles, a hundred-thousandth of their size, and takes differences of about that
     size. In plain float32 the tip is off by up to 4 µm in an episode of the paper; with the rest by 0.1 µm.
@@ -32,7 +32,7 @@ class Angle:
 
     @classmethod
     def __torch_function__(cls, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        """Return tensor + angle, or compare them, which is what torch.compile makes of angle + tensor and so on."""
+        """Return tensor + angle, or compare them, since torch.compile reorders angle + tensor and so on."""
         if function in (torch.Tensor.le, torch.Tensor.ge):
             limit, angle = arguments
             return function(limit, angle.value)
@@ -76,7 +76,7 @@ class Angle:
 class Table:
     """Rows of numbers (rows, columns) to be looked up lane by lane, in the dtype and on the device of `like`.
 
-    A column with one value throughout is a constant to the compiler.
+    A column of equal values is a constant to the compiler.
     """
 
     def __init__(self, rows: np.ndarray, like: Tensor) -> None:
@@ -106,7 +106,7 @@ class Table:
 class Word:
     """Words of 64 bits, unsigned, for `fuzzyarm.envs.batch.randomness`; torch has no arithmetic for its uint64.
 
-    int64 computes like uint64, except for shifts. `bits` are (lanes,), `dtype` is that of numbers made of them.
+    int64 computes like uint64, except for shifts. `bits` are (lanes,), `dtype` is that of numbers converted from them.
     """
 
     def __init__(self, bits: Tensor, dtype: torch.dtype) -> None:
@@ -131,7 +131,7 @@ def _bits(other: Any) -> Any:
 
 
 class _Tensors:
-    """What `numbers.functions` does with tensors."""
+    """The functions of `numbers.functions` for tensors."""
 
     @staticmethod
     def select(condition: Tensor, first: Any, second: Any) -> Any:
@@ -152,7 +152,7 @@ class _Tensors:
 
 
 class _Words:
-    """What `numbers.functions` does with words."""
+    """The functions of `numbers.functions` for words."""
 
     @staticmethod
     def number(of: Word) -> Tensor:

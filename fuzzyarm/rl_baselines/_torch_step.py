@@ -1,6 +1,6 @@
 """One control step of the arm in tensors: the functions of `fuzzyarm.envs`, called with tensors.
 
-Nothing here waits for the device or depends on data: lanes that end begin again by selection.
+Nothing here waits for the device or branches on data: lanes that end restart by selection.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LOST = int(Termination.LOST)
 
 
 class Lanes(NamedTuple):
-    """What a lane carries from step to step, (n,) each; all else follows from it.
+    """The data of a lane between steps, (n,) each; all else follows from it.
 
     The numbers of its state, in float32 followed by the rests of its angles; the key of the episode's random
     stream, and its steps so far, both int64.
@@ -50,7 +50,7 @@ Outcome: TypeAlias = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]
 
 
 class Equations:
-    """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled."""
+    """The equations of the arm, and the task's functions for them; looked up before compilation."""
 
     def __init__(self, physics: Physics) -> None:
         self.physics = physics
@@ -69,7 +69,7 @@ def _reader(record: Any) -> Callable[[Iterable[Tensor]], Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Shared:
-    """What all lanes share: numbers, which are constants to the compiler, and tables."""
+    """Data shared by all lanes: numbers, which are constants to the compiler, and tables."""
 
     equations: Equations  # of the arm
     plant: Any  # the nominal arm, a `Physics.Plant`
@@ -97,7 +97,7 @@ def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
 
 
 def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outcome]:
-    """Return the lanes after torques (joints, n) were held for one control step, and its outcome; nothing changes."""
+    """Return the lanes after torques (joints, n) are held for one control step, and the outcome; no side effects."""
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
     limits, number = equations.physics.limits(nominal), shared.rows.number
@@ -139,9 +139,9 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
 
 
 def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
-    """Return the episodes after those with the keys (n,), and their first reference; shapes (n,) or ().
+    """Return the episodes that follow those with the keys (n,), and their first reference; shapes (n,) or ().
 
-    At rest; the motors hold the gravity torque of the nominal arm.
+    They begin at rest; the motors hold the gravity torque of the nominal arm.
     """
     equations, key, nominal = shared.equations, draw(Word(key, shared.rows.dtype), NEXT_KEY).bits, shared.nominal()
     now = drawn(shared, key)
@@ -159,21 +159,21 @@ def write(lanes: Lanes, new: Lanes) -> None:
 
 
 def _angle(value: Tensor, rest: Tensor | None = None) -> Any:
-    """Return an angle as the physics shall see it: compensated in float32, as it is in float64."""
+    """Return an angle for the physics: compensated in float32, unchanged in float64."""
     if value.dtype == torch.float64:
         return value
     return Angle(value, torch.zeros_like(value) if rest is None else rest)
 
 
 def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
-    """Return the state as the physics shall see it."""
+    """Return the state for the physics."""
     angles, count = shared.equations.angles, shared.equations.numbers
     rests = numbers[count:] or (None,) * angles
     return shared.equations.read_state([*map(_angle, numbers[:angles], rests), *numbers[angles:count]])
 
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
-    """Return what `_state` was made of; the dtype is lost on the way if torch's default dtype is a longer one."""
+    """Undo `_state`; the dtype may have changed if torch's default dtype is wider."""
     parts = flat(state)
     values = [part.value if isinstance(part, Angle) else part for part in parts]
     rests = [part.rest for part in parts if isinstance(part, Angle)]
@@ -189,7 +189,7 @@ def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
 
 
 def drawn(shared: Shared, key: Tensor) -> Any:
-    """Return what the episodes with these keys (n,) drew; numbers are of shape (n,), or () where nothing is drawn."""
+    """Return the draws of episodes with these keys (n,); numbers are of shape (n,), or () where nothing is drawn."""
     return _tensors(shared.equations.drawn(Word(key, shared.rows.dtype), shared.ranges), shared.rows)
 
 

@@ -1,4 +1,4 @@
-"""What the trainer needs from a learning algorithm."""
+"""The trainer's interface to a learning algorithm."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["AlgorithmSpec"]
 
 
 class _Algorithm(Protocol):
-    """A learning algorithm in the middle of a training.
+    """A learning algorithm during a training run.
 
-    Between two of its updates, when it calls back, the trainer evaluates the policy and writes checkpoints. The trainer
+    Between updates it calls back, and the trainer evaluates the policy and writes checkpoints. The trainer
     keeps the state of the environment and of the random generators of Python, NumPy and torch; `state` is everything
     else that the next update depends on.
     """
@@ -28,7 +28,7 @@ class _Algorithm(Protocol):
         """Environment steps done so far, of all lanes together."""
 
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
-        """Go on until ``config.total_timesteps`` steps are done.
+        """Continue until ``config.total_timesteps`` steps are done.
 
         `after_update` is called after every update with numbers for the curve, by the columns of
         `AlgorithmSpec.columns` and ``episode_reward``, ``episode_length`` [steps] and ``tip_error_mm`` of the episodes
@@ -51,7 +51,7 @@ class _Algorithm(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class AlgorithmSpec:
-    """An algorithm as it is registered.
+    """A registered algorithm.
 
     Attributes:
         name: on the command line, ``fuzzyarm train NAME``.
@@ -60,7 +60,7 @@ class AlgorithmSpec:
         presets: settings by name; the first is the default.
         create: returns the algorithm at the beginning of a training, from the settings and the arms. It also seeds the
             arms and the random generators with ``config.seed``.
-        columns: that it adds to the curve.
+        columns: the columns that it adds to the curve.
         libraries: distributions whose versions are recorded in ``policy.json``.
     """
 

@@ -21,10 +21,10 @@ _Distribution = Literal["nominal", "robust"]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
-    """What is trained on what, and how the run is kept; the text after each field says what it is.
+    """The task, the arm and the storage of a training run; the text after each field explains it.
 
-    The defaults are those of ``FuzzyArmLearn-v0``; every training has its reward and early end. TypeError or ValueError
-    says which value is refused, and why.
+    The defaults are those of ``FuzzyArmLearn-v0``; every training uses its reward and early end. TypeError or
+    ValueError says which value is refused, and why.
     """
 
     distribution: _Distribution = "robust"
@@ -117,7 +117,7 @@ SEGMENT = 50
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EstimateConfig:
-    """What is trained for how long; the text after each field says what it is. Values are refused as there."""
+    """The extent of a training run; the text after each field explains it. Errors as for `TrainingConfig`."""
 
     seed: int = 0
     """Seed of everything that is random."""

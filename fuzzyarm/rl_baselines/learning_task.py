@@ -1,11 +1,11 @@
 """``FuzzyArmLearn-v0``: the arm of ``FuzzyArm-v0`` as a task for learners, single and as a batch.
 
-An observation holds the features of `laws.learned.features`, which a trained policy computes by the same code where it
-acts on a robot; an action a in [-1, 1]ⁿ is a torque u = Γ a, Γ the limits of the motors; and the reward is
+An observation holds the features of `laws.learned.features`, which a trained policy computes with the same code on a
+robot; an action a in [-1, 1]ⁿ is a torque u = Γ a, Γ the limits of the motors; and the reward is
 
     1 - ln(1 + d/s) / ln(1 + R/s),    d the distance of the tip from its reference, s = 0.1 mm, R = 0.2 m.
 
-Its slope vanishes nowhere: to halve the error is worth the same at 100 mm and at 1 mm.
+Its slope is never zero: halving the error is worth the same at 100 mm and at 1 mm.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ _MEMORY = ("memory", "base_memory", "seen", "action")
 class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
     """A batch of `FuzzyArmLearnEnv`: lane i is the single environment with the same seed, bit for bit.
 
-    ``gym.make_vec("FuzzyArmLearn-v0", num_envs=64)`` gives it. Arguments are those of `FuzzyArmLearnEnv` and the
+    Create it with ``gym.make_vec("FuzzyArmLearn-v0", num_envs=64)``. Arguments are those of `FuzzyArmLearnEnv` and the
     `num_envs`, `threads` and `autoreset_mode` of `FuzzyArmVectorEnv`, whose infos these are.
 
     Attributes:
         features: what an observation holds, for the bundle of a trained policy.
-        action: what an action means, likewise.
+        action: what an action means, for the same bundle.
     """
 
     @made_from_json
@@ -181,7 +181,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         scalars[_REWARD] = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
 
     def _begin(self, which: Any) -> None:
-        """Let these lanes remember nothing."""
+        """Clear the memory of these lanes."""
         self._memory[which], self._base_memory[which], self._action[which] = 0.0, 0.0, 0.0
 
     @property
@@ -191,7 +191,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         return np.stack([clock[CLOCK.row], clock[CLOCK.last]])[..., np.newaxis]
 
     def _features(self, rows: np.ndarray | None = None) -> np.ndarray:
-        """Return what a learner sees (num_envs, `size`), float32, now or at `rows` of the schedule."""
+        """Return the learner's observations (num_envs, `size`), float32, now or at `rows` of the schedule."""
         seen = self._arms.see(self._seen, self._memory)
         if len(self._preview):  # the last reference holds after the motion has ended
             row, last = self._rows if rows is None else rows
@@ -207,7 +207,7 @@ def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
 
 
 def learning_draws(arm: AnyArm) -> DomainRandomisation:
-    """Return what the episodes of the registered task draw for an arm.
+    """Return the randomisation of the registered task for an arm.
 
     ``robust`` (plants, load, force, start), with 256 references of the family, and the default reference in one of five
     episodes.
@@ -225,13 +225,13 @@ def _flat(info: dict[str, Any]) -> dict[str, Any]:
 
 
 class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
-    """The arm of ``FuzzyArm-v0`` as a task that a learner with default settings makes progress on.
+    """The arm of ``FuzzyArm-v0`` as a task for learners with default settings.
 
     ## Description
     The plant, its sensors, limits and disturbances are those of `FuzzyArmEnv`. An action is a share of the torque, held
-    for 2 ms; the errors of the motors fill an observation's range, however small they are; and the reward tells 1 mm
-    from 0.1 mm as it tells 100 mm from 10 mm. Every episode draws plant, load, start and path: to learn one circle by
-    heart is of no use.
+    for 2 ms; the errors of the motors fill an observation's range, however small they are; and the reward distinguishes
+    1 mm from 0.1 mm as well as 100 mm from 10 mm. Every episode draws plant, load, start and path, so memorising one
+    circle does not help.
 
     ## Action space
     `Box(-1, 1, (2,))`: u = (500, 250) a N m, the limits of the motors; larger numbers are clipped.
@@ -255,21 +255,21 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     at R.
 
     ## Starting state
-    At rest beside the reference, each joint within ± 10 mrad of it, a draw of the seed.
+    At rest near the reference, each joint within ± 10 mrad of it, drawn from the seed.
 
     ## Episode end
     Terminated with the reward 0 where d > R, and where `FuzzyArmEnv` terminates; truncated at the end of the reference.
 
     ## Info
-    That of `FuzzyArmEnv`, with its `reward_tracking` and `reward_effort`, which are not of this reward, and with the
-    entries of `randomisation` beside the others, as `drawn_mass` and so on.
+    That of `FuzzyArmEnv`, including its `reward_tracking` and `reward_effort`, which are not parts of this reward, with
+    the entries of `randomisation` flattened to `drawn_mass` and so on.
 
     ## Arguments
-    `history` (none by default: no single run gained by it), `preview` in holds (none: the fixed laws that a learner is
-    compared with see none), `early_end` R [m], and in place of the registered ones `features` and `action`, the
-    definitions of a policy's bundle. `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` are
-    those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`; with a case,
-    disturbance or reference of your own nothing is drawn unless `randomisation` says so.
+    `history` (default none: it improved no run), `preview` in holds (default none, as for the fixed laws in
+    comparisons), `early_end` R [m], and `features` and `action`, definitions from a policy's bundle that replace the
+    registered ones. `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` are those of
+    `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`; with your own case, disturbance
+    or reference, nothing is drawn unless `randomisation` is given.
 
     Examples:
         >>> env = FuzzyArmLearnEnv(case="payload")

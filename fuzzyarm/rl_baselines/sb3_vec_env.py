@@ -25,8 +25,8 @@ def learning_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
     """Return ``FuzzyArmLearn-v0`` in `num_envs` lanes for stable-baselines3.
 
     The other arguments are those of `FuzzyArmLearnVectorEnv`. Call ``torch.set_num_threads(1)`` before learning: by
-    default torch takes a thread per core, and for networks of a few hundred weights a layer the threads wait for each
-    other much longer than they compute.
+    default torch uses a thread per core, and for networks of a few hundred weights per layer the threads spend most of
+    their time waiting for each other.
     """
     return StableBaselinesVecEnv(FuzzyArmLearnVectorEnv(num_envs, **arguments))
 
@@ -34,14 +34,14 @@ def learning_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
 class StableBaselinesVecEnv(VecEnv):
     """A Gymnasium vector environment with same-step autoreset, for the algorithms of stable-baselines3.
 
-    A step is one call for the whole batch; Python looks only at those lanes one by one whose episode ends. Their info
+    A step is one call for the whole batch; Python loops only over lanes whose episode ends. Their info
     holds ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l`` and seconds ``t``
     since the start, as `Monitor` gives them, and the mean ``tip_error`` [m]) and, if it was terminated, ``reason``. The
     running lanes share one empty info.
 
     Args:
-        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers, which nobody else may step from then
-            on; `learning_envs` makes it for ``FuzzyArmLearn-v0``.
+        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped, which must then not be stepped elsewhere;
+            `learning_envs` makes it for ``FuzzyArmLearn-v0``.
 
     Raises:
         ValueError: the environment does not reset itself within the step.
@@ -98,7 +98,7 @@ class StableBaselinesVecEnv(VecEnv):
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`.
 
-        TypeError or ValueError, and no change: the state does not fit, see `FuzzyArmVectorEnv.set_state`.
+        TypeError or ValueError, without a change, if the state does not fit, see `FuzzyArmVectorEnv.set_state`.
         """
         own = checked_arrays(state, {name: getattr(self, f"_{name}") for name in _OWN_STATE})
         _attribute(self.envs, "set_state")({name: array for name, array in state.items() if name not in own})

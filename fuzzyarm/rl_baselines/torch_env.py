@@ -1,6 +1,6 @@
 """A batch of arms in torch tensors on CPU or GPU, compiled into one kernel, for learners in torch.
 
-The step is that of `torch_step`; this file has what stands around it: arguments, tables, reset and results.
+The step is that of `torch_step`; this file adds arguments, tables, reset and results.
 """
 
 from __future__ import annotations
@@ -55,8 +55,7 @@ _MOST_LANES = 2**26  # a lane takes about 100 bytes
 class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
-    Torch runs the equations, compiled by torch.compile or operation by operation. No GPU has run this batch so far, and
-    its speed there is not measured.
+    Torch runs the equations, compiled by torch.compile or operation by operation. It has not been run on a GPU.
 
     Equations, reward, episode ends, observations and the meaning of the arguments are those of
     `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same plants,
@@ -68,7 +67,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
 
     A lane that ends begins its next episode within the same step: its observation is then the new episode's first,
-    while reward, flags and `info` are about the one that ended. All in `info` is a tensor with a row per lane:
+    while reward, flags and `info` are about the one that ended. Every entry of `info` is a tensor with a row per lane:
 
     | key | what | unit |
     | --- | --- | --- |
@@ -172,7 +171,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return {"arguments": self._arguments, "lanes": lanes, "begun": self._begun}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build the batch again and put the lanes where they were."""
+        """Rebuild the batch and restore the lanes."""
         self.__init__(**state["arguments"])  # type: ignore[misc]
         self._lanes, self._begun = state["lanes"], state["begun"]
 
@@ -182,7 +181,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
-        """Return what the episodes under way drew, by quantity: (n, joints) for one value per joint, else (n,)."""
+        """Return the draws of the current episodes by quantity: (n, joints) for one value per joint, else (n,)."""
 
         def rows(value: Any) -> Tensor:
             if isinstance(value, tuple):
@@ -198,11 +197,11 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         """Begin an episode in every lane and return the observations (n, 5 joints) and an empty info.
 
         Args:
-            seed: lane i gets the random stream of seed + i. None: the streams go on; the first time, from 0.
+            seed: lane i gets the random stream of seed + i. None: the streams continue, initially from 0.
             options: none are known.
         """
         if options:
-            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm knows no options of a reset")
+            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options")
         first = 0 if seed is None else checks.whole("seed", seed)
         with torch.no_grad():
             if seed is not None or not self._begun:
@@ -231,7 +230,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return self._advance(torch.as_tensor(given, dtype=self.dtype, device=self.device).t())
 
     def detach(self) -> None:
-        """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""
+        """Cut the graph: later gradients stop here. The state keeps its values."""
         numbers, key, step = self._lanes
         self._lanes = torch_step.Lanes(tuple(number.detach().clone() for number in numbers), key.clone(), step.clone())
 
@@ -329,7 +328,7 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextlib.contextmanager
 def _announced_compilation() -> Iterator[None]:
-    """Say on a terminal what is being waited for, if the call within takes more than a second."""
+    """Print on a terminal what the enclosed call does, if it takes more than a second."""
     message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of it once torch has it on disk) ..."
     with announced(message), warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
         warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)

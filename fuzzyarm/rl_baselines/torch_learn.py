@@ -33,10 +33,10 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
 
     Args:
         num_envs: number of lanes.
-        history: so many past errors and actions, and the leaky integral of the error, are observed too.
-        early_end: an episode ends where the tip is so far from its reference [m].
-        arguments: those of `TorchFuzzyArm` but the control period, which is the 2 ms that an action is held. Without a
-            case, disturbance or reference an episode draws what `learning_draws` says.
+        history: number of past errors and actions that are also observed, with the leaky integral of the error.
+        early_end: tip error that ends an episode [m].
+        arguments: those of `TorchFuzzyArm` except the control period, which is the 2 ms for which an action is held.
+            Without a case, disturbance or reference an episode draws from `learning_draws`.
 
     Raises:
         TypeError, ValueError: see `TorchFuzzyArm`.
@@ -60,11 +60,11 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
         self._seen = torch.empty(0)  # the last observations (n, 5 joints), from the first reset on
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return arguments, lanes and what they remember."""
+        """Return arguments, lanes and their memory."""
         return {**super().__getstate__(), "remembered": (self._memory, self._seen)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build the batch again and put the lanes where they were."""
+        """Rebuild the batch and restore the lanes."""
         super().__setstate__(state)
         self._memory, self._seen = state["remembered"]
 

@@ -1,8 +1,8 @@
-"""The trainer: a training in its folder, whatever the algorithm, which can be killed and resumed.
+"""The trainer: a training run of any algorithm in a folder, which can be killed and resumed.
 
 After every update of the algorithm the trainer writes a row of the curve, and when they are due an evaluation, the
-policy bundles and a checkpoint. What is evaluated on the paper's three cases is the bundle, in NumPy at 1 kHz, in the
-form in which it is shipped. A training that was killed and resumed gives the same bits as one that was not.
+policy bundles and a checkpoint. The bundle is evaluated on the paper's three cases as it is shipped, in NumPy at 1 kHz.
+A run that was killed and resumed gives the same bits as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which polic
 
 
 class Training:
-    """A training in its folder, new or resumed; nothing is written before `run`.
+    """A training run in its folder, new or resumed; nothing is written before `run`.
 
     Attributes:
         config: the settings; their class decides on the algorithm.
-        folder: where everything goes; made if needed.
+        folder: output folder; made if needed.
         report: called after every update with the row of the curve.
-        algorithm: what learns, on the arms `envs`.
+        algorithm: the learning algorithm, on the arms `envs`.
         rows: the curve so far, one mapping per update.
         best: smallest score so far [mm], see `_ship`.
 
@@ -94,9 +94,9 @@ class Training:
     def resume(cls, config: TrainingConfig, folder: Path) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
 
-        `config` must be the one that the training began with, but for `checkpoint_interval` and `total_timesteps`: with
-        a larger one the training goes on beyond its end, and what is done keeps its bits. A schedule over the training,
-        such as the learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
+        `config` must equal the original one, except for `checkpoint_interval` and `total_timesteps`: a larger total
+        extends the training, and finished steps keep their bits. A schedule over the training, such as the learning
+        rate of PPO, continues as if this had been the total from the beginning: it may jump here.
 
         Raises:
             CheckpointError: there is no checkpoint, it is damaged, of another algorithm, arm or configuration, or it
@@ -122,8 +122,8 @@ class Training:
             )
         if config.total_timesteps < done:
             raise ValueError(
-                f"total_timesteps = {config.total_timesteps} is below the {done} steps that {folder} has done already; "
-                "give a larger number, or start another training"
+                f"total_timesteps = {config.total_timesteps} is below the {done} steps already done in {folder}; "
+                "give a larger number, or start a new training run"
             )
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
@@ -165,7 +165,7 @@ class Training:
         return self.bundle()
 
     def bundle(self) -> PolicyBundle:
-        """Return the policy of this moment as it is shipped."""
+        """Return the current policy as it is shipped."""
         config, spec, robot = self.config, self._spec, robot_of(self.arm)
         return PolicyBundle(
             features=config.features,
@@ -215,10 +215,10 @@ class Training:
         return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, self.arm, self._base)
 
     def _ship(self, row: dict[str, Any]) -> None:
-        """Write the bundle as the last one, and as the best one if it is.
+        """Write the bundle as the last one, and also as the best one if it is.
 
-        The score is the mean rms tip error over the cases that the distribution holds; a policy that does not reach
-        the end of each of them is never the best.
+        The score is the mean rms tip error over the cases in the distribution; a policy that ends one early is never
+        the best.
         """
         bundle = self.bundle()
         bundle.save(self.folder / LAST)
@@ -244,7 +244,7 @@ class Training:
         write_checkpoint(self.folder / CHECKPOINT, content)
 
     def _elapsed(self) -> tuple[float, float]:
-        """Return wall and processor time of the training [s], without what was lost when a run was killed."""
+        """Return wall and processor time of the training [s], without work lost when a run was killed."""
         (wall, cpu), (earlier_wall, earlier_cpu), (begun_wall, begun_cpu) = _clocks(), self._earlier, self._begun
         return earlier_wall + wall - begun_wall, earlier_cpu + cpu - begun_cpu
 

@@ -1,13 +1,12 @@
-"""Controllers by linear matrix inequalities: from a specification to gains with a proof.
+"""Controller synthesis by linear matrix inequalities: from a specification to proven gains.
 
     from fuzzyarm.synthesis import Specification, design
     result = design(Specification(gamma=1.4e-4, fastest_pole=200.0))
     result.controller.save("controller.json")
 
 `design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints. `DesignProblem` is what
-`design` solves, open to constraints and objectives of a user's own in cvxpy.
-
-cvxpy and its solver Clarabel are loaded here and nowhere else, each with the first name that needs it.
+`design` solves; it accepts user-defined cvxpy constraints and objectives. cvxpy and its solver Clarabel are loaded only
+here, at the first use of a name that needs them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The design problem: the proof's own inequalities on cvxpy's expressions, and the point where a solver ends.
+"""The design problem: the proof's inequalities on cvxpy expressions, and the point returned by a solver.
 
     minimise g or γ²:   P11 >= f I,   [[g I, M_jk], [M_jkᵀ, P11]] >= 0,   (Ψ_ijk + Ψ_jik)/2 <= -μ I,   likewise Φ
 
@@ -73,9 +73,9 @@ class NoPoint(ValueError):
     """No strictly feasible point was found; the message says what to relax.
 
     Attributes:
-        problem: the `DesignProblem`, with the values where the solver ended.
+        problem: the `DesignProblem`, with the solver's last values.
         status: as the solver reports it.
-        margin: of the point the solver ended at, not positive; -inf without a point.
+        margin: of the solver's last point, not positive; -inf without a point.
         result: what the solver returned, None where it raised an error.
         program: the cone program as cvxpy hands it over, b - A x in the cones `dims`.
         ray: z (rows,) in the cones with Aᵀz = 0 and bᵀz < 0, if the solver claims that there is no point, else None.
@@ -128,7 +128,7 @@ def structure_of(specification: Specification) -> Specification:
 
 
 class DesignProblem:
-    """The inequalities of a specification as an open problem: add to `constraints`, assign `objective`, and `solve`.
+    """The inequalities of a specification as an open problem: add `constraints`, assign `objective`, and `solve`.
 
     Vertices i, j of A and k of E count from 0, pairs by i, then j. n, n_e, N, N_e, p and m are those of `Controller`.
     P, M, L, Q, X, τ and γ² are affine expressions in SI units.
@@ -154,14 +154,14 @@ class DesignProblem:
         *,
         vertex: int | None = None,
     ) -> None:
-        """Write the problem down; nothing is solved.
+        """State the problem without solving it.
 
         Args:
             specification: the requirements; of gamma and gain_bound the one that is None is minimised.
             parameters: the arm, default Table 1.
-            scale: size of P, relative to what suits most designs. It matters where the gains are minimised, which are
-                bounded through the smallest eigenvalue of P; elsewhere it is a unit.
-            vertex: of A, whose inequalities alone are written: necessary conditions, which have no controller. None
+            scale: size of P, relative to a value that suits most designs. It matters if the gains are minimised, which
+                are bounded through the smallest eigenvalue of P; otherwise it is only a unit.
+            vertex: write only the inequalities of this vertex of A: necessary conditions, without a controller. None
                 for all vertices.
         """
         given = self.specification = instance("specification", specification, Specification)
@@ -185,7 +185,7 @@ class DesignProblem:
         self.ask(given, real("scale", scale, low=GAINS[0], high=GAINS[1]))
 
     def ask(self, specification: Specification, scale: float = 1.0) -> None:
-        """Set the parameters to another specification of the same structure (`structure_of`), and the unit c of V."""
+        """Set the parameters for another specification of the same structure (`structure_of`), and the unit c of V."""
         given, s = specification, self._scaling
         self.specification, self._c = given, scale * _natural(given, s)
         self.alpha.value, self._root_c.value = given.first_alpha, math.sqrt(self._c)
@@ -306,7 +306,7 @@ class DesignProblem:
         """Return factors of the rows of Ψ or Φ, with which a large γ² in the rows w becomes one.
 
         The solver's tolerance is relative to the largest constant. The rows w only become smaller, so a matrix that is
-        at most -μ I with these factors is so in plain units, too.
+        at most -μ I with these factors is also in plain units.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
@@ -382,7 +382,7 @@ class DesignProblem:
             options: of the solver, as `cvxpy.Problem.solve` takes them.
 
         Raises:
-            DesignFailed: no point was found, or its proof does not go through.
+            DesignFailed: no point was found, or its proof fails.
             ValueError: the solver is not installed.
         """
         from fuzzyarm.synthesis._designer import solved  # which searches with problems like this one
@@ -471,7 +471,7 @@ class DesignProblem:
         return self._compiled
 
     def _reduced(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ψ or Φ and U Ψ Uᵀ in units at the point where the solver ended, recomputed from its variables."""
+        """Return Ψ or Φ and U Ψ Uᵀ in units at the solver's last point, recomputed from its variables."""
         unit = self._row_units(letter)
         F, U = self._matrices(letter, symmetric, _value_of), self._reduction(letter)
         return unit[:, np.newaxis] * F * unit, U @ F @ U.T
@@ -479,8 +479,9 @@ class DesignProblem:
     def _expanded(self, letter: str, F: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the full X = S_b X_b S_bᵀ + ε S_a S_aᵀ and Q = S_b Q_b + S_a (N P - ε S_aᵀ), and τ.
 
-        Then the rows ẋ_a have -2εI after the congruence and meet only w, through D_a. They cost D_aᵀ D_a / 2ε in the
-        rows w, half of the margin of R < 0 there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the condition.
+        After the congruence the rows ẋ_a have -2εI and are coupled only to w, through D_a. They cost D_aᵀ D_a / 2ε in
+        the rows w, half of the margin of R < 0 there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the
+        conditioning.
 
         F is Ψ or Φ (p N_e, rows, rows) in units, and R = U F Uᵀ < 0.
         """
@@ -526,6 +527,6 @@ def _smallest_eigenvalue(matrices: np.ndarray) -> float:
 
 
 def _where_it_ended(result: Any) -> Any:
-    """Return Clarabel's result with a status for which cvxpy reads the point, whatever status the solver reports."""
+    """Return Clarabel's result with a status for which cvxpy reads the point, regardless of the reported status."""
     names = ("x", "z", "s", "obj_val", "obj_val_dual", "solve_time", "iterations")
     return types.SimpleNamespace(status="AlmostSolved", **{name: getattr(result, name) for name in names})

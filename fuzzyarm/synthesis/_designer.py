@@ -26,7 +26,7 @@ __all__ = ["Design", "DesignFailed", "describe", "design", "solved", "to_control
 
 
 class DesignFailed(ValueError):
-    """No controller whose proof goes through was found; the message says which requirement would have to be relaxed.
+    """No controller could be proven; the message says which requirement would have to be relaxed.
 
     Attributes:
         problem: the last `DesignProblem` solved, with the values where the solver ended, or None.
@@ -63,12 +63,12 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     """Return a controller for a specification; it is proven from its stored gains, whatever the solver's status says.
 
     Args:
-        specification: what is asked.
+        specification: the requirements.
         parameters: the arm, default Table 1.
-        explain: whether to look for the requirement to relax where there is no point, which takes many more solves.
+        explain: whether to look for the requirement to relax if there is no point, which takes many more solves.
 
     Raises:
-        DesignFailed: no point was found whose proof goes through.
+        DesignFailed: no provable point was found.
     """
     given, begin = instance("specification", specification, Specification), time.perf_counter()
     arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
@@ -112,7 +112,7 @@ def _proven(
     package: str = "clarabel",
     problem: DesignProblem | None = None,
 ) -> Design:
-    """Return the design of a point; DesignFailed, with the problem, says how far the point is from its proof.
+    """Return the design of a point; DesignFailed, with the problem, states the margin that is missing.
 
     The other arguments are those of `to_controller`.
     """
@@ -144,7 +144,8 @@ def to_controller(
 ) -> Controller:
     """Return the controller of a point of the inequalities, not yet proven.
 
-    `objective` says in words what was minimised, None for the specification's; the version of `package` is recorded.
+    `objective` says in words what was minimised, None for the specification's own; the version of `package` is
+    recorded.
     """
     P, M, paper = 0.5 * (point.P + point.P.T), point.M, specification.form == "paper"
     n_e = M.shape[-1]
@@ -180,7 +181,7 @@ def to_controller(
 
 
 def describe(result: Design) -> str:
-    """Return the problem that was solved and the controller that was found, as text for a person."""
+    """Return a readable text on the solved problem and the controller."""
     controller, certificate = result.controller, result.certificate
     model = controller.model
     dropped = [name for u in model.uncertainties for name in u.premises]

@@ -1,4 +1,4 @@
-"""The block matrices of the theorems in cvxpy's expressions, as `proof.block_matrix` makes them of numbers.
+"""The block matrices of the theorems as cvxpy expressions, as `proof.block_matrix` builds them from numbers.
 
 A stack of matrices is one expression (..., r, c) and one constraint, whatever its length, and compiles in milliseconds.
 """

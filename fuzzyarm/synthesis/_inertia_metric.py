@@ -2,11 +2,11 @@
 
     minimise κ:    D_low <= D <= D_high,    M̂ <= near + Jᵀ D_low J,    near + Jᵀ D_high J <= κ M̂
 
-at sampled angles, see `_Samples`. κ M̂ is bilinear: with κ and M̂' of the step before, one minimises t in
-near + Jᵀ D_high J <= κ M̂ + t M̂', which is a semidefinite program, and takes the κ of its solution (Dinkelbach).
+at sampled angles, see `_Samples`. κ M̂ is bilinear: with κ and M̂' of the previous step, one minimises t in
+near + Jᵀ D_high J <= κ M̂ + t M̂', which is a semidefinite program, and uses the κ of its solution (Dinkelbach).
 Only samples whose constraint is nearly active are in the program; those that its solution violates most are added.
-Then the bounds of the samples are moved to the worst angles that a search finds, so that the proof has little left to
-widen. None of this is a proof; `inertia_bounds` proves the bounds.
+Then the bounds of the samples are moved to the worst angles that a search finds, so that the proof needs little
+widening. None of this is a proof; `inertia_bounds` proves the bounds.
 """
 
 from __future__ import annotations
@@ -200,9 +200,9 @@ class _Search:
     def run(self, rounds: int = _ROUNDS) -> None:
         """Iterate until the samples in the program allow no smaller κ; the result holds for all samples.
 
-        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates samples outside
-        of it, a point between the answer and the best one so far may not. So κ never rises, neither from step to step
-        nor with more rules.
+        The M̂, D_low and D_high that reach a κ are a convex set. If a solution of the program violates other samples, a
+        point between it and the best one so far may not. So κ never rises, neither from step to step nor with more
+        rules.
         """
         self.kappa, best = self._settled(), self._proposal
         self._add_violated()
@@ -271,7 +271,7 @@ class _Search:
         self.inertia, self.low, self.high = values
 
     def _settled(self) -> float:
-        """Move D_low and D_high to where all samples allow them, and scale M̂ to where it touches the lower inertia.
+        """Move D_low and D_high until all samples allow them, and scale M̂ until it touches the lower inertia.
 
         Returns κ of all samples, inf where M̂ or the lower inertia is not positive definite.
         """
@@ -289,7 +289,7 @@ class _Search:
     def _shares(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the smallest eigenvalues of the lower inertia and the largest of the upper one, relative to M̂, (B,).
 
-        Where an M̂ is not positive definite, nothing is relative to it: both are its smallest eigenvalues.
+        If an M̂ is not positive definite, both are its smallest eigenvalue instead.
         """
         scheduled = self.scheduled()
         least = np.linalg.eigvalsh(scheduled)[:, 0]
@@ -342,7 +342,7 @@ class _Search:
     def _step(self) -> float:
         """Solve the program of some samples and adopt its S_r and, unless they are fixed, its D_low and D_high.
 
-        Returns how much smaller κ might get, -t; 0 where the solver has no answer.
+        Returns a bound on the decrease of κ, -t; 0 if the solver has no answer.
         """
         near, far = sorted(self.near), sorted(self.far)
         distal = self.distal_units if far else self.distal_units[:0]
@@ -464,8 +464,8 @@ def _with_premise(
 ) -> tuple[_Search, float]:
     """Return a search with one more premise, the last one, and its (3κ - 2)(α + μ) [1/s] at samples.
 
-    The smallest κ may cost a large μ. On the line to it from the M̂ of before, κ rises nowhere above that of before;
-    the M̂ with the smallest product is taken, and it is no larger than before either.
+    The smallest κ may cost a large μ. On the line to it from the previous M̂, κ never exceeds its previous value; the
+    M̂ with the smallest product is taken, which is no larger than before.
     """
     q = search.samples.q
     before = copy.copy(search)

@@ -1,6 +1,7 @@
 """Feedback k of a scheduled controller by the inequalities of its certificate, in the unit 1/(α + μ) of time.
 
-There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that brings γ down twentyfold.
+There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that value reduces γ
+twentyfold.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def _compiled(thread: int) -> cp.Problem:
 
 
 def smallest_pole(kappa: float, rate: float) -> float:
-    """Return (3κ - 2) a [1/s], the bound of the fastest pole that no feedback falls below, for a = `rate` [1/s]."""
+    """Return (3κ - 2) a [1/s], the lower limit of the fastest-pole bound, for a = `rate` [1/s]."""
     return (3.0 * kappa - 2.0) * rate
 
 

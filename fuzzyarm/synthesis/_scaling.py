@@ -1,4 +1,4 @@
-"""Units of the design problem: in SI units every interior-point solver fails.
+"""Units of the design problem, since interior-point solvers fail in SI units.
 
 With x in units T, time in 1/σ, torques in U, disturbances in V, and the rows of E ẋ = A x + B u + B d in units 1/R, the
 matrices of the arm are of order one. The decision variables are numbers of order one times the units
@@ -42,7 +42,7 @@ class Scaling:
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
         """Choose the units for an arm by the geometric mean of each joint's inertia and the mean inertia.
 
-        Inertias alone would ask for equal bandwidths, no inertias for equal stiffness of the two joints.
+        Units by each joint's inertia alone favour equal bandwidths of both joints; units without it, equal stiffness.
         """
         arm, time = arm_constants(parameters), REFERENCE_POLE
         inertia = np.array(parameters.motor_inertia) + np.array([arm.c1, arm.c3])
@@ -73,7 +73,7 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return n_l, which makes H R and W T (σ W T for E) equally large; in the paper's form W reads x_r too."""
+    """Return n_l, which makes H R and W T (σ W T for E) equally large; in the paper's form W also acts on x_r."""
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):
         reads.append((term.W if term.on == "A" else term.W @ data.A_r) * state)

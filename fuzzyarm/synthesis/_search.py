@@ -1,7 +1,7 @@
-"""The search for a solution of a specification and, where there is none, for the requirement to relax.
+"""The search for a solution of a specification and, if there is none, for the requirement to relax.
 
-Problems are compiled once for each structure and arm (`structure_of`) and kept, since a change of parameters takes a
-millisecond where compiling takes a tenth of a second.
+Problems are compiled once for each structure and arm (`structure_of`) and kept, since changing parameters takes a
+millisecond, and compiling a tenth of a second.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LIMITS = {
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, or why there is none; with `vertex`, for that vertex of A alone.
+    """Return the point of a specification, or why there is none; with `vertex`, only for that vertex of A.
 
     The scales of V are tried in turn. In the paper's form γ is lowered as long as there is a point, because the cone
     program that minimises γ² is too badly scaled there: d and r are decades apart.
@@ -68,8 +68,8 @@ def best_point(specification: Specification, arm: ArmParameters, vertex: int | N
 def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
     """Return the solver's proof, if it gives one, that a single vertex of a large model already has no point.
 
-    Further vertices are tried only where the first has neither a point nor a proof that there is none. A free γ is
-    bounded by `_LOOSEST`, because the solver proves little of a problem whose only limit is its objective.
+    Further vertices are tried only if the first has neither a point nor a proof that there is none. A free γ is bounded
+    by `_LOOSEST`, because the solver rarely proves infeasibility if the only limit is the objective.
     """
     if 1 << len(specification.kept) < _MANY:  # which are solved as quickly as they are refuted
         return None
@@ -109,7 +109,7 @@ def _units(arm: ArmParameters) -> Scaling:
 def _nearest_feasible(
     specification: Specification, arm: ArmParameters, name: str, vertex: int | None = None
 ) -> float | None:
-    """Return the feasible value of a limit that is nearest to the specified one, with the others as they are.
+    """Return the feasible value of a limit that is nearest to the specified one, with the others unchanged.
 
     The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
     gains; α [1/s] falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
@@ -155,8 +155,8 @@ def _slowest_tried(specification: Specification) -> float:
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words, the first limit that is enough to relax alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ. Where a single vertex of a large model already allows
-    too little, its limit is named, which is found within seconds.
+    The fastest pole is tried first, then α, the gain bound and γ. If a single vertex of a large model is already
+    infeasible, its limit is named, which takes only seconds.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}

@@ -1,4 +1,4 @@
-"""Size of the design problem: by the paper's formula (Remark 4, Table 2), and as a theorem states it.
+"""Size of the design problem: by the paper's formula (Remark 4, Table 2), and as stated in a theorem.
 
 The paper counts, with N vertices of A, N_e of E, n_x states, n_d disturbances and n_u inputs of the plant,
 
@@ -10,7 +10,7 @@ For n, n_e and n_r columns of P, M and L, m uncertain terms of r rows in all and
     variables:  |P| + N N_e n_u (n_e + n_r) + N(N + 1)/2 (2n² + N_e m) + 1,
     rows:       n + N(N + 1)/2 N_e (2n + n_w + n_z + r).
 
-What is solved is smaller, see `design_problem`; `Design` has its numbers.
+The solved problem is smaller, see `design_problem`; `Design` has its size.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int 
 def full_size(data: Vertices, *, gains_bounded: bool = False) -> _Size:
     """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as Theorems 1 and 2 state them, L free.
 
-    With `gains_bounded` [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is there too, and the variable is g, not γ².
+    With `gains_bounded` [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is added, and the variable is g, not γ².
     """
     paper, n_e, N_e, pairs = isinstance(data, TrackingVertices), data.n_e, len(data.E), len(data.pairs)
     blocks = (n_e, PLANT_STATES) if paper else (n_e,)

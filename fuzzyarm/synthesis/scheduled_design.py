@@ -49,8 +49,8 @@ class ScheduledSpecification:
     them is stable, it is the last one.
 
     Attributes:
-        premises: the kept ones; None for the best ones, found automatically.
-        rules: 1, 2, 4, 8 or 16, twice as many with each premise; ignored where `premises` are given.
+        premises: the kept premises; None to find the best ones automatically.
+        rules: 1, 2, 4, 8 or 16, doubled by each premise; ignored if `premises` are given.
         alpha: decay rate [1/s]; None for the largest with margins on the sampled elastic arm.
         gamma: bound of the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
         fastest_pole: bound of the decay rate from above [1/s]; None for the smallest with this γ.
@@ -101,7 +101,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     """Return a controller of a robot for a specification, proven from its stored numbers.
 
     Raises:
-        DesignFailed: no controller whose proof goes through was found.
+        DesignFailed: no provable controller was found.
     """
     n = len(instance("robot", robot, Robot))
     if n > _MOST_JOINTS:
@@ -157,7 +157,7 @@ def _chosen(
 def _controller(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float, alpha: float
 ) -> ScheduledController:
-    """Return the controller of a metric whose bounds are widened by a share, for a decay rate α [1/s]."""
+    """Return the controller for a metric with bounds widened by a share, and a decay rate α [1/s]."""
     inertia = (1.0 - widening) * metric.inertia
     kappa = _rounded(metric.kappa * (1.0 + 2.0 * widening), math.ceil)
     floor = _rounded(metric.floor * (1.0 - 3.0 * widening), math.floor)
@@ -211,7 +211,7 @@ def _rounded(value: float, towards: Callable[[float], int], digits: int = 5) -> 
 
 
 def describe_scheduled(result: ScheduledDesign) -> str:
-    """Return the controller that was found and the proof, as text for a person."""
+    """Return a readable text on the controller and the proof."""
     c, certificate = result.controller, result.certificate
     kept = ", ".join(premise.name for premise in c.premises) or "none"
     rate = schedule_rate(c)

@@ -285,7 +285,7 @@ def _go_on(name: str, folder: Path, whole: Path, where: str) -> None:
         check_errors(code, run.err)
         run = Run(COMMANDS[name], folder)
         code = run.wait()
-    if code == 2 and name == "dataset" and "is there already" in run.err:
+    if code == 2 and name == "dataset" and "already exists" in run.err:
         return
     if code != 0:
         raise Broken(f"{where}: going on ends with {code}: {run.err[-300:]!r}")

@@ -87,9 +87,9 @@ WRONG = [
     (lambda: array([None, 1.0]), TypeError, "it holds object"),
     (lambda: checks.distinct("policies", []), ValueError, "^policies = .* must be one or more different names$"),
     (lambda: checks.distinct("policies", ("a", "a")), ValueError, "^policies = .* must be one or more different"),
-    (lambda: checks.array_of("point", [1.0, [2.0]]), ValueError, r"^point = \[1\.0, \[.* is no array: "),
-    (lambda: checks.array_of("point", CYCLE), ValueError, r"^point = \[1\.0, \[.* is no array: "),
-    (lambda: checks.array_of("point", range(10**12)), ValueError, r"^point = range\(0.* is no array: "),
+    (lambda: checks.array_of("point", [1.0, [2.0]]), ValueError, r"^point = \[1\.0, \[.* is not an array: "),
+    (lambda: checks.array_of("point", CYCLE), ValueError, r"^point = \[1\.0, \[.* is not an array: "),
+    (lambda: checks.array_of("point", range(10**12)), ValueError, r"^point = range\(0.* is not an array: "),
 ]
 
 

@@ -54,9 +54,9 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
     ("text", "problem"),
     [
         ("", "Expecting value"),
-        ('{"a": 1, "b": {"c": 1, "c": 2}}', "the key 'c' stands twice"),
-        ('{"gain": NaN}', "NaN is no number of JSON"),
-        ("[-Infinity]", "-Infinity is no number of JSON"),
+        ('{"a": 1, "b": {"c": 1, "c": 2}}', "the key 'c' occurs twice"),
+        ('{"gain": NaN}', "NaN is not a JSON number"),
+        ("[-Infinity]", "-Infinity is not a JSON number"),
         ('{"gain": 1e999}', "'gain' is not finite"),
         ("[1e999]", "a number is not finite"),
         ("[" * (_DEEPEST + 1) + "]" * (_DEEPEST + 1), f"nested more than {_DEEPEST} deep"),

@@ -310,7 +310,7 @@ SLOW = dataclasses.replace(TABLE_1, velocity_limit=(0.3, 15.0))
 QUICK = JointReference(path=Lemniscate((0.5, 0.3), 1e-4), duration=5e-4)  # for the observation space
 LONGER_LINKS = JointReference(parameters=dataclasses.replace(TABLE_1, length=(0.6, 0.5)))
 BAD_ARGUMENTS = [
-    ({"substep": 3e-4}, r"control_period = 0\.001 s is no multiple of substep = .* use substep = 0\.000333333 s"),
+    ({"substep": 3e-4}, r"control_period = 0\.001 s is not a multiple of substep = .* use substep = 0\.000333333 s"),
     ({"control_period": 0.2}, r"control_period = 0\.2 s is out of range; allowed: \[1e-06, 0\.1\] s"),
     ({"control_period": 1e-4, "substep": 1e-3}, r"substep = 0\.001 s is out of range; allowed: \[1e-08, 0\.0001\] s"),
     ({"case": "drilling"}, "unknown case 'drilling'; choose from: nominal, machining, payload"),

@@ -123,12 +123,12 @@ def test_a_log_that_tells_no_arm_says_why(log):
     for call, message in (
         (
             lambda: identify(Log(1e-3, angle, np.full((1000, 2), 3.0)), TRUTH),
-            r"does not tell inertia\[0\], .*coulomb_friction\[1\] .*--suggest",
+            r"does not determine inertia\[0\], .*coulomb_friction\[1\] .*--suggest",
         ),
         (lambda: identify(dataclasses.replace(log, **still), TRUTH), r"motor_inertia\[1\]"),
         (
             lambda: identify(dataclasses.replace(log, torque=-log.torque), TRUTH),
-            r"no arm: least squares give inertia\[0\], .* below 0; check signs and units",
+            r"no valid arm: least squares give inertia\[0\], .* below 0; check signs and units",
         ),
         (lambda: suggested(weak), r"to hold itself .*allowed: 0.6 times torque_limit"),
     ):
@@ -192,10 +192,10 @@ def test_a_bad_log_is_refused_in_one_line(log, tmp_path, capsys, change, message
     ("words", "message"),
     [
         (["log.csv", "--suggest", "motion.csv"], "give either a LOG or --suggest FILE"),
-        (["log.csv", "--duration", "9"], "--duration is that of --suggest"),
+        (["log.csv", "--duration", "9"], "--duration is for --suggest only"),
         (["log.csv", "--out", "arm.json"], "--out arm.json must be a file ending in .toml"),
         (["log.csv", "--figure", "arm.svg"], "--figure arm.svg must be a file ending in .png"),
-        (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out beside --suggest"),
+        (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out with --suggest"),
         (["--suggest", "motion.csv", "--duration", "1"], "duration = 1.0 s is out of range; allowed: [4, 120] s"),
         (["--suggest", "motion.csv", "--robot", "ur5"], "a robot of 6 joints"),
         (["no.csv"], "no.csv: No such file or directory"),
@@ -244,7 +244,7 @@ def test_a_torque_that_is_late_or_in_another_unit_is_named(log, monkeypatch, fac
 
     monkeypatch.setattr("fuzzyarm.identification.result.fit_elastic", lost)
     other = dataclasses.replace(log, torque=factor * np.roll(log.torque, lag, axis=0))
-    with pytest.raises(ValueError, match=rf"^the log leads to no arm: .*{words}") as caught:
+    with pytest.raises(ValueError, match=rf"^the log gives no valid arm: .*{words}") as caught:
         identify(other, wrong())
     assert "Singular" not in str(caught.value) and "\n" not in str(caught.value)
 

@@ -113,7 +113,7 @@ def test_a_learned_folder_declares_what_its_bundle_records(name):
     ("given", "message"),
     [
         ({**OWN, "preview": "p"}, "declared has the unknown field preview; needed: objective, tuned_on, knows, sees"),
-        ({**OWN, "sees": "two\nlines"}, "sees = 'two\\nlines' is none"),
+        ({**OWN, "sees": "two\nlines"}, "sees = 'two\\nlines' is not allowed"),
         ("all", "declared lacks objective"),
     ],
 )
@@ -129,7 +129,7 @@ def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     written = json.loads(json.dumps(written_declarations(found)))
     assert read_declarations(written, names) == found
     assert read_declarations(None, names) == {"fuzzy-4": declared("fuzzy-4"), "mine": None, "silent": None}
-    with pytest.raises(ValueError, match="not of the policies"):
+    with pytest.raises(ValueError, match="does not match the policies"):
         read_declarations({"fuzzy-4": None}, names)
 
 
@@ -180,11 +180,11 @@ def test_the_folder_of_another_arm_is_refused(folder):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"bandwidth": None}, "numbers of computed-torque are not"),
+        ({"bandwidth": None}, "parameters of computed-torque are missing"),
         ({"bandwidth": -1.0}, "bandwidth"),
         ({"observer": {"a\nb": 1.0}}, "missing or unknown"),
         ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),
-        ({"policies": ["../fuzzy-4"]}, "no name of a policy"),
+        ({"policies": ["../fuzzy-4"]}, "not the name of a policy"),
         ({"schema": "fuzzyarm-tuned/0"}, "this version reads"),
     ],
 )

@@ -102,7 +102,7 @@ def test_code_that_a_file_names_is_not_imported_for_its_digest(tmp_path, monkeyp
     description["action"]["base"] = "my_trap:factory"
     Path("mine/policy.json").write_text(json.dumps(description))
     assert list(resolve("mine").files()) == ["policy.json"]
-    with pytest.raises(ValueError, match="base 'my_trap:factory', which is none of"):
+    with pytest.raises(ValueError, match="base 'my_trap:factory', which is not one of"):
         resolve("mine", run_code=True).load()
     with pytest.raises(ValueError, match="names code"):
         resolve("my_trap:factory").files()
@@ -116,7 +116,7 @@ def test_two_policies_of_one_label_are_refused():
     assert list(resolve_all(["fuzzy-4", "a/b.json", "ppo-robust"])) == ["fuzzy-4", "b", "ppo-robust"]
     trained = ["runs/one/policy", "runs/two/policy", "runs/two/best", "policy"]
     assert list(resolve_all(trained)) == ["one", "two", "two-best", "policy"]
-    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; rename a file or folder"):
+    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them share a name; rename a file or folder"):
         resolve_all(["a/b.json", "c/b"])
 
 
@@ -139,7 +139,7 @@ class TestAddedPolicy:
 
     def test_names_that_are_taken_or_mean_something_else_are_refused(self):
         for name in ("", "a-tip", "a.json", "a/b", "a:b", "a\\b", "fuzzy-4"):
-            with pytest.raises(ValueError, match=r"cannot name a policy|there is a policy 'fuzzy-4' already"):
+            with pytest.raises(ValueError, match=r"cannot name a policy|policy 'fuzzy-4' already exists"):
                 add_policy(name, ComputedTorquePolicy)
 
 

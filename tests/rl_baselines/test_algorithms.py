@@ -45,12 +45,14 @@ def test_an_algorithm_from_outside_is_shipped_and_resumed(search, tmp_path):
 def test_names_and_classes_of_settings_are_unique(search, monkeypatch):
     assert find_algorithm("search") is algorithm_of(search.config()) is search
     assert algorithm_of(PPOConfig()) is find_algorithm("ppo") is SPEC
-    with pytest.raises(ValueError, match="there is an algorithm 'ppo' already"):
+    with pytest.raises(ValueError, match="algorithm 'ppo' already exists"):
         add_algorithm(dataclasses.replace(search, name="ppo"))
-    with pytest.raises(ValueError, match="SearchConfig holds the settings of 'search'; derive a class"):
+    with pytest.raises(ValueError, match="SearchConfig holds the settings of 'search'; derive your own class"):
         add_algorithm(dataclasses.replace(search, name="another"))
     monkeypatch.delitem(ALGORITHMS, "search")
     with pytest.raises(ValueError, match="unknown algorithm 'search'; choose from: ppo"):
         find_algorithm("search")
-    with pytest.raises(ValueError, match="SearchConfig holds the settings of no known algorithm; call add_algorithm"):
+    with pytest.raises(
+        ValueError, match="SearchConfig is not the configuration of a known algorithm; call add_algorithm"
+    ):
         algorithm_of(search.config())

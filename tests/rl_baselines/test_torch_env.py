@@ -332,7 +332,7 @@ def test_compiled_is_eager(device):
         ({"case": "payload", "disturbance": Disturbance()}, "not both"),
         ({"reference": JointReference(), "randomisation": "robust"}, "not both"),
         ({"parameters": ArmParameters(length=(0.6, 0.5)), "reference": JointReference()}, "build it with parameters"),
-        ({"substep": 3e-4}, "is no multiple of substep"),
+        ({"substep": 3e-4}, "is not a multiple of substep"),
         ({"randomisation": "some"}, "unknown randomisation 'some'"),
     ],
 )
@@ -351,5 +351,5 @@ def test_wrong_calls_are_named():
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: \(2, 2\)"):
         envs.step(torch.zeros(2))
-    with pytest.raises(ValueError, match=r"action = \[1\.0, \[2\.0\]\] is no array"):
+    with pytest.raises(ValueError, match=r"action = \[1\.0, \[2\.0\]\] is not an array"):
         envs.step([1.0, [2.0]])

@@ -41,8 +41,8 @@ class Kernels:
     def step(self) -> Kernel:
         """Hold torques in every lane for one control step.
 
-        On values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes), with the control
-        period [s], the sub-step [s] and the number of sub-steps; the table is the schedule.
+        Takes values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes), with the
+        control period [s], the sub-step [s] and the number of sub-steps; the table is the schedule.
         """
         physics, Row = self.layout.physics, self._row
 
@@ -68,8 +68,9 @@ class Kernels:
     def begin(self) -> Kernel:
         """Begin an episode in every lane.
 
-        On values, clock, what is drawn (numbers, lanes), `Given` and the initial states (lanes, numbers), observations
-        and `Results` (numbers, lanes), with the ranges of what is drawn; the tables are plants, starts and schedule.
+        Takes values, clock, the drawn numbers (numbers, lanes), `Given` and the initial states (lanes, numbers),
+        observations and `Results` (numbers, lanes), with the ranges of the draws; the tables are plants, starts and
+        schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
@@ -89,7 +90,7 @@ class Kernels:
 
     @functools.cached_property
     def observe(self) -> Kernel:
-        """Write what can be observed now; nothing moves. On values, clock, observations and, as table, the schedule."""
+        """Write the current observations without a step. Takes values, clock, observations and the schedule."""
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
             at, first = number(word(clock.row)), number(word(clock.first))
@@ -98,16 +99,16 @@ class Kernels:
         return _kernel(observe, (self._lane, _CLOCK, self._seen), (), self._tables[2:], "BCR")
 
     def _observed(self, lane: Any, clock: Clock, steps: Any, now: Any) -> Observation:
-        """Return what is observed so many steps after the beginning, at a row of the schedule."""
+        """Return the observation after a number of steps, at a row of the schedule."""
         reading = reading_of(self.layout.physics)
         return Observation(*reading(lane.state, lane.limits, lane.noise, word(clock.key), steps), *now.reference)
 
     def prepare(self, lanes: int) -> None:
-        """Make the machine code that steps so many lanes."""
+        """Compile the machine code that steps this number of lanes."""
         self.step.code(lanes)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
-        """Pickle the equations alone: the machine code is made again."""
+        """Pickle only the equations: the machine code is compiled again."""
         return kernels_of, (self.layout.physics,)
 
 

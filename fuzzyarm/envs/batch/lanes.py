@@ -1,6 +1,6 @@
 """Batched simulation state behind both environments: one arm per lane, each in its own episode.
 
-A saved state is checked: kernels index by it, and it may come from a file.
+A saved state is checked, because kernels use its entries as indices and it may come from a file.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SavedArrays = dict[str, np.ndarray]
 
 
 def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
-    """Return copies of the arrays of a state, whose types and shapes must be those of `like`; others are left out."""
+    """Return copies of a state's arrays with the names in `like`, whose types and shapes they must have."""
     checks.instance("state", state, dict)
     arrays: _SavedArrays = {}
     for name, own in like.items():
@@ -57,8 +57,8 @@ class Lanes:
     """A batch of arms, each with its own plant, scenario and random stream.
 
     `plants` and `scenarios` are one for all lanes or one per lane; lanes with the same scenario share its table. The
-    control period is in s and has so many sub-steps. A step uses so many `threads`; None: one per 1,024 lanes, at most
-    one per core. ValueError for a reference that does not fit the plant of its lane.
+    control period is in s and has `substeps` sub-steps. A step uses `threads` threads; None: one per 1,024 lanes, at
+    most one per core. ValueError for a reference that does not fit the plant of its lane.
     """
 
     def __init__(
@@ -100,9 +100,9 @@ class Lanes:
     ) -> _Outcome:
         """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
-        Of the lanes `which` (n,), ascending, or of all: seeds, None where the random stream continues; scenarios in
-        place of the lanes' own for this episode, one for all or one per lane; initial states (n, 4 joints), else at
-        rest on the reference.
+        The arguments are for the lanes `which` (n,), ascending, or for all: seeds, None to continue the random stream;
+        scenarios that replace the lanes' own in this episode, one for all or one per lane; initial states (n, 4
+        joints), by default at rest on the reference.
         """
         lanes = np.arange(self.count) if which is None else which
         others = None if scenarios is None else self._tabulated(scenarios, lanes)
@@ -131,7 +131,7 @@ class Lanes:
         return self._assigned.tables.table
 
     def numbers(self, rows: slice) -> np.ndarray:
-        """Return some of the numbers that lanes carry, (rows, lanes), see `Layout.Lane`; a copy."""
+        """Return a copy of some of the lanes' numbers, (rows, lanes), see `Layout.Lane`."""
         return by_rows(self.values[:, rows], self.count)
 
     def torque_limit(self, lane: int) -> list[float]:
@@ -163,7 +163,7 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in these arrays, see `control_step.begun`; `places` are schedules and payloads' places."""
+        """Begin episodes in these arrays, see `control_step.begun`; `places` has schedules and payload positions."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         initial = (
@@ -185,7 +185,7 @@ class Lanes:
         """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
         The action (count, joints) [N m] is clipped to the plants' limits, and its array is not used again by the
-        caller. ValueError for a torque that is not finite; no lane has moved then.
+        caller. ValueError for a torque that is not finite; then no lane has moved.
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
@@ -209,7 +209,7 @@ class Lanes:
         return call
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> _Outcome:
-        """Do what `step` does, except in the lanes `over` (n,): there the next episode begins, whatever the action."""
+        """Step like `step`, but begin the next episode in the lanes `over` (n,), whatever the action."""
         action[over] = 0.0
         # The kernel moves every lane, and a lane must be before its last row for that; here it moves in vain.
         ends = self.clock[CLOCK.row, over]
@@ -223,13 +223,13 @@ class Lanes:
         return observation, vectors, scalars
 
     def observation(self) -> np.ndarray:
-        """Return again the observation (count, 5 joints) that the last step or reset of each lane returned."""
+        """Return the last observation (count, 5 joints) of each lane again."""
         seen = np.empty((self.count, self.layout.observed))
         self.kernels.observe((self.values, self.clock.view(np.float64), seen), np.empty(0), (self.table,))
         return seen
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
-        """Return what the episodes drew, by quantity: (count, joints) for one per joint, else (count,); read-only."""
+        """Return the draws of the episodes by quantity: (count, joints) for one per joint, else (count,); read-only."""
         return self._drawn_info
 
     def schedule(self, lane: int) -> tuple[Reference, Schedule]:
@@ -258,8 +258,8 @@ class Lanes:
     def set_state(self, state: dict[str, np.ndarray], over: np.ndarray | None = None) -> None:
         """Restore a state that `get_state` returned for lanes with the same configuration.
 
-        The episodes of the lanes `over` (n,) have ended: `restart` must begin them again before a step. ValueError if
-        the state is of another configuration, or not one that these lanes can have; nothing has changed then.
+        The episodes of the lanes `over` (n,) have ended: call `restart` for them before a step. ValueError, with
+        nothing changed, if the state belongs to another configuration or is impossible for these lanes.
         """
         values = by_rows(self.values, self.count)
         own = {"values": values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
@@ -276,9 +276,9 @@ class Lanes:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
     def _check_contents(self, arrays: _SavedArrays, over: np.ndarray | None) -> None:
-        """Raise ValueError unless a state is one that the lanes can come to, only the lanes `over` (n,) at their end.
+        """Raise ValueError unless the lanes can reach a state, in which only the lanes `over` (n,) have ended.
 
-        All but the state of the arm and the present instant follows from the key of the episode.
+        Everything except the arm's state and the current instant follows from the key of the episode.
         """
         clock, begun = arrays["clock"], (self.values.copy(), self.clock.copy(), self.drawn.copy())
         values, expected, drawn = begun
@@ -297,10 +297,10 @@ class Lanes:
                 f"{begins} to {latest[lane]} of {begins} to {ends}"
             )
         if not np.array_equal(arrays["drawn"], drawn):
-            raise ValueError("state['drawn'] is not what the keys of its episodes draw")
+            raise ValueError("state['drawn'] differs from what the keys of its episodes draw")
         changing = size(self.physics.State)
         if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
-            raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
+            raise ValueError("state['values'] differs from the arms that the keys of its episodes draw")
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
@@ -315,6 +315,6 @@ class Lanes:
         return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Take the state of a copy, which may be the first in its process."""
+        """Restore a copy, which may be the first object of its kind in its process."""
         self.__dict__.update(state)
         self.kernels.prepare(self.count)

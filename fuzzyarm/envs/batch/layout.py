@@ -1,4 +1,4 @@
-"""The arrays that the kernels work on, as records: what a lane carries, and what a step leaves behind.
+"""The arrays that the kernels work on, as records: the data of a lane, and the results of a step.
 
 values (blocks, numbers of `Lane`, WIDE)  lanes through their episodes: a block of them is one piece of memory
 clock (numbers of `Clock`, lanes)         where they are in their schedules, and their random streams
@@ -6,7 +6,7 @@ table (rows, numbers of a row)            the schedules of all episodes below ea
 starts (schedules, numbers of `Start`)    where each schedule begins, and what its episode starts with
 out                                       observations and `Results` of a step, one array, see `Layout.split`
 
-What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
+The parts that depend on the equations, through the numbers of joints and axes, are in the `Layout` of a `Physics`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = [
 
 
 def by_rows(values: np.ndarray, lanes: int) -> np.ndarray:
-    """Return values (blocks, rows, `WIDE`) of so many lanes as (rows, lanes), a copy in the same units."""
+    """Return a copy of values (blocks, rows, `WIDE`) as (rows, lanes), in the same units."""
     return np.ascontiguousarray(np.swapaxes(values, 0, 1).reshape(values.shape[1], -1)[:, :lanes])
 
 
@@ -42,7 +42,7 @@ def in_blocks(values: np.ndarray) -> np.ndarray:
 
 
 class Noise(NamedTuple):
-    """Standard deviations of the encoder noise of angles [rad] and of velocities [rad/s]."""
+    """Standard deviations of the encoder noise in angles [rad] and velocities [rad/s]."""
 
     angle: Any
     velocity: Any
@@ -58,7 +58,7 @@ class Clock(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What an episode starts with."""
+    """Initial data of an episode."""
 
     first: Any  # first row of its schedule in the table
     last: Any  # last row
@@ -84,7 +84,7 @@ StepScalars: Any = record_type("StepScalars", **dict.fromkeys(SCALARS, Any))
 
 
 class Results(NamedTuple):
-    """What a control step leaves behind beside the observation."""
+    """Results of a control step in addition to the observation."""
 
     vectors: Any  # `StepVectors`
     scalars: Any  # `StepScalars`
@@ -102,7 +102,7 @@ class Layout:
     """Records of an arm's equations, and where each number of them lies in its array.
 
     Attributes:
-        Lane: what a lane carries through its episode: state, constants, limits, the factor of its tip force, `Noise`.
+        Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
         LANE: places in `Lane`.
         observed: numbers in an observation; `longest`: in the longest of the vectors; `reported`: in `Results`.
         parts: where the numbers of each of the vectors lie among those of all, as slices.
@@ -124,7 +124,7 @@ class Layout:
         return layout_of, (self.physics,)
 
     def size(self, lanes: int) -> int:
-        """Return how many numbers there are in the results of so many lanes."""
+        """Return how many numbers the results of these lanes contain."""
         return -(-self.observed * lanes // _LINE) * _LINE + self.reported * _apart(lanes)
 
     def arrays(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -136,7 +136,8 @@ class Layout:
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
 
-        Vectors have a row for each number, see `each`. A plain tuple: a small batch would notice the time of a record.
+        Vectors have a row for each number, see `each`. The result is a plain tuple, since a record would slow small
+        batches.
         """
         observations, numbers = self.arrays(out, lanes)
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
@@ -151,7 +152,7 @@ _LINE = 8  # numbers of a line of the cache
 
 
 def _apart(lanes: int) -> int:
-    """Return how far rows of `Results` lie apart: an odd number of lines, so that the cache keeps many rows at once."""
+    """Return the distance between rows of `Results`: an odd number of lines, so that many rows stay cached."""
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 
@@ -166,12 +167,12 @@ _OWN = 2  # references to an array that nobody else holds: the room's, and the a
 
 
 class Room:
-    """Memory for the results of one step; its user may note something about it in `kept`."""
+    """Memory for the results of one step; its user may store data in `kept`."""
 
     __slots__ = ("_array", "_first", "_stop", "kept")
 
     def __init__(self, size: int) -> None:
-        """Take memory; it begins where a line of the cache does."""
+        """Allocate memory that starts at a cache line."""
         self._array = np.empty(size + _LINE)
         self._first = -(self._array.ctypes.data // self._array.itemsize) % _LINE
         self._stop = self._first + size
@@ -183,17 +184,17 @@ class Room:
 
 
 class ResultsMemory:
-    """Rooms of one size.
+    """A pool of `Room` objects of one size.
 
     The system zeroes new memory page by page at its first use, which takes a third of the step of a large batch. Every
-    view of an array holds a reference to it: nobody reads an array without further references.
+    view of an array holds a reference to it, so an array without further references is free.
     """
 
     def __init__(self, size: int) -> None:
         self._size, self._rooms = size, list[Room]()
 
     def room(self) -> Room:
-        """Return a room whose numbers nobody else holds."""
+        """Return a room that is not in use."""
         for room in self._rooms:
             if sys.getrefcount(room._array) == _OWN:
                 return room

@@ -4,9 +4,9 @@ SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is m
 64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the same
 bits.
 
-An episode counts like this: number 0 is the key of the lane's next episode; from 1 on there is the domain
-randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; and from `noise_counter` on every
-control step takes two numbers a joint for the encoder noise, of all angles, then of all velocities.
+The numbers of an episode are used in this order: number 0 is the key of the lane's next episode; from 1 on follows the
+domain randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; and from `noise_counter` on
+every control step uses two numbers per joint for the encoder noise, first of all angles, then of all velocities.
 """
 
 from __future__ import annotations

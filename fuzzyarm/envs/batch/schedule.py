@@ -1,6 +1,6 @@
 """The schedule of an episode: reference, tip force and torque bias of every control step, tabulated before it starts.
 
-A force is integrated over the control step, so that the table is as exact as the physics needs it.
+A force is integrated over the control step, so that the table is as exact as the physics requires.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def reference_record(joints: int) -> Any:
 
 @functools.cache
 def row_record(joints: int, axes: int) -> Any:
-    """Return the record of a row: `reference` of the joints and `target` of the tip at t_k, what acts until t_(k+1).
+    """Return the record of a row: joint `reference` and tip `target` at t_k, loads until t_(k+1).
 
-    `force` is on the tip, `bias` a torque [N m] beside those of the motors.
+    `force` acts on the tip; `bias` is a torque [N m] added to the motor torques.
     """
     reference, target = reference_record(joints), target_record(axes)
     return record_type("Row", reference=reference, target=target, force=force_line(axes), bias=per_joint(joints))
@@ -45,8 +45,8 @@ def row_record(joints: int, axes: int) -> Any:
 class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
-    `table` (steps + 1, numbers of `row_record`) has units as there; the properties are its columns. No force or bias
-    acts in the last row, where the episode is over.
+    `table` (steps + 1, numbers of `row_record`) has units as there; the properties are its columns. The last row, at
+    the end of the episode, has no force or bias.
     """
 
     disturbance: Disturbance

@@ -1,6 +1,6 @@
-"""The schedules of all episodes that a batch of lanes may be in, below each other as the kernels read them.
+"""The schedules of all possible episodes of a batch, stacked as the kernels read them.
 
-Each lane is in its own scenario, or for an episode in one that a reset asked for.
+Each lane is in its own scenario, or for one episode in a scenario requested by a reset.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _Item = TypeVar("_Item")
 
 
 class _Episode(NamedTuple):
-    """A reference, its schedule, and what its episode starts with, whose rows depend on where the schedule lies."""
+    """A reference, its schedule, and the initial data of its episode, whose rows depend on the schedule's position."""
 
     reference: Reference
     schedule: Schedule
@@ -40,7 +40,7 @@ class Tables:
     """Schedules of scenarios, each with one episode, or one per member of a family of references.
 
     Attributes:
-        scenarios: the episodes of each; `episodes`: of all, one after the other.
+        scenarios: the episodes of each scenario; `episodes`: all episodes in order.
         firsts: (scenarios,) the number of the first episode of each scenario.
         starts: (episodes, numbers of `Start`).
         table: (rows, numbers of `Row`), the schedules below each other.
@@ -60,10 +60,10 @@ class Tables:
 
 
 class Assignment:
-    """The scenario of each lane: its own, or for an episode one that a reset asked for; by number.
+    """The number of each lane's scenario: its own, or for one episode a scenario requested by a reset.
 
-    It is made from what `tabulated` returns for the lanes' own scenarios, `own`; `tables` has these first, and then the
-    others that a lane is in.
+    It is built from the result of `tabulated` for the lanes' own scenarios, `own`; `tables` has these first, then the
+    others in use.
     """
 
     def __init__(self, own: tuple[Tables, np.ndarray, np.ndarray]) -> None:
@@ -82,12 +82,12 @@ class Assignment:
         self._scenario_of, self._place_of = self._own  # shared until a lane visits another scenario
 
     def back(self, lanes: np.ndarray) -> None:
-        """Put these lanes (n,) into their own scenarios; their last ones keep their tables."""
+        """Return these lanes (n,) to their own scenarios; other tables are kept."""
         if self.tables is not self.own:
             self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
     def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
-        """Put lanes (n,) into their own scenarios and drop unused tables; rows in `clock` (numbers, lanes) move too."""
+        """Return lanes (n,) to their own scenarios and drop unused tables; `clock` (numbers, lanes) is updated."""
         if len(lanes) == len(self._scenario_of):
             self.all_return()
             return
@@ -110,7 +110,7 @@ class Assignment:
         self.tables = Tables([*self.tables.scenarios, *tables.scenarios])
 
     def visiting(self) -> np.ndarray:
-        """Return the lanes (n,) that are in another scenario than their own."""
+        """Return the lanes (n,) that are not in their own scenario."""
         return np.flatnonzero(self._scenario_of >= len(self.own.scenarios))
 
     def places(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,8 +127,8 @@ def tabulated(
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
     """Return tables of scenarios every `control_period` [s], and of each lane scenario (n,) and payload's place (n,).
 
-    Scenarios are one for all n lanes, or one per lane, whose plant is number `plant_of` (n,). Episodes without a
-    reference are drawn from the family.
+    There is one scenario for all n lanes or one per lane, with plant number `plant_of` (n,). Episodes without a
+    reference draw one from the family.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)
@@ -145,7 +145,7 @@ def tabulated(
 
 
 def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Episode]:
-    """Return the episodes of a scenario, tabulated every `control_period` [s] in so many coordinates of the tip."""
+    """Return the episodes of a scenario, tabulated every `control_period` [s] with `axes` coordinates of the tip."""
     (disturbance, reference), given = scenario, scenario[0].encoder_noise
     mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
     noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
@@ -155,7 +155,7 @@ def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: f
 
 
 def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:
-    """Return the distinct items, by identity, and the number (count,) of each lane's; a single item is for all."""
+    """Return the distinct items, by identity, and each lane's item number (count,); a single item serves all lanes."""
     if len(items) not in (1, count):
         raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
     if len(items) == 1:

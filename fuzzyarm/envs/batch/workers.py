@@ -19,9 +19,9 @@ _PIECES = 8  # for each thread: the last one to finish keeps the others waiting 
 class Workers:
     """Threads that are started when they are needed; copies and pickles start their own.
 
-    The thread that calls takes part: it does all that the others do not come to, and never waits for one that has not
-    begun. So a step is no slower than with one thread where a machine has no second core to spare. Without a number of
-    threads there is one per `LANES_PER_THREAD` lanes, at most one per core.
+    The calling thread takes part: it does the work that the others have not started, and never waits for a thread that
+    has not begun. So a step is no slower than with one thread if no second core is free. By default there is one thread
+    per `LANES_PER_THREAD` lanes, at most one per core.
     """
 
     def __init__(self, count: int, threads: int | None) -> None:
@@ -65,13 +65,13 @@ class Workers:
 
 
 def _work(call: Call, left: Iterator[tuple[int, int]]) -> None:
-    """Do pieces until none is left; the next one of a list's iterator is one thread's alone."""
+    """Process pieces until none is left; a list iterator gives each piece to only one thread."""
     for first, stop in left:
         call.part(first, stop)
 
 
 def _most(wanted: int) -> int:
-    """Return the wanted number, at most one per core that this process may use, a container's quota included."""
+    """Return the requested number of threads, at most one per available core, container quotas included."""
     if wanted <= 1:
         return 1
     from joblib import cpu_count  # here, as a single arm and a small batch do not need it

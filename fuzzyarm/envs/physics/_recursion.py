@@ -1,13 +1,13 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`: 0 x is 0,
+Constant rotations and zeros of a robot are floats; its other numbers and its motion are `Folded`: 0 x is 0,
 0 + x and 1 x are x, and (-x) y, x + (-y) and -(x - y) are -(x y), x - y and y - x, which is exact. Link j turns about
 the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
-symmetric about the joint's axis: turning it about that axis changes nothing but for I_zz, which this part lacks. It
-can as well be fixed to the link before. `regrouped` moves it there, from the tip to the base (Gautier and Khalil,
-1990), and what is left are the base parameters: no masses, two first moments and five inertias a link.
+symmetric about the joint's axis: rotation about that axis changes only I_zz, which this part lacks. It can equally be
+fixed to the preceding link. `regrouped` moves it there, from the tip to the base (Gautier and Khalil, 1990), which
+leaves the base parameters: no masses, two first moments and five inertias a link.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class Chain(NamedTuple):
         return self._moved_force(j, _turned(self.turns[j], force), _turned(self.turns[j], moment))
 
     def _moved_force(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """Do what `_passed_on` does for a force and a moment in the axes that frame j has at angle 0."""
+        """Transform like `_passed_on`, for a force and a moment in the axes of frame j at angle 0."""
         force, moment = rotated(self.rotations[j], force), rotated(self.rotations[j], moment)
         return force, _sum(moment, _cross(self.positions[j], force))
 
@@ -199,7 +199,7 @@ def _square(turning: Vector) -> Inertia:
 
 
 def _motion(square: Inertia, rising: Vector) -> _Matrix:
-    """Return U = [α]× + [ω]×² of ω ωᵀ and α."""
+    """Return U = [α]× + [ω]×², given ω ωᵀ and α."""
     (xx, xy, xz, yy, yz, zz), (ax, ay, az) = square, rising
     return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
 
@@ -278,7 +278,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 class Folded:
-    """A number that is not known beforehand, or its negative; arithmetic takes others of its class, and floats."""
+    """A number not known at recording time, or its negative; arithmetic accepts its own class and floats."""
 
     __slots__ = ("negative", "value")
 
@@ -315,7 +315,7 @@ class Folded:
 
 
 def unfolded(number: Any) -> Any:
-    """Return a number of `Folded` as it was before; a float as it is."""
+    """Return the number inside a `Folded`; a float unchanged."""
     if isinstance(number, Folded):
         return -number.value if number.negative else number.value
     return number

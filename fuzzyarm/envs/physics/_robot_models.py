@@ -6,12 +6,12 @@
     [joints.shoulder_pan_joint]
     motor_inertia = 0.6                    # the fields of `Drive`, and `velocity_limit`
 
-A quantity that the model has may be left out: gravity, angle ranges (`range`), URDF's `velocity` and `effort` (torque
-limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and MJCF's `armature`, which are read as
-viscous friction, Coulomb friction (static alike) and motor inertia.
+Quantities that the model provides may be omitted: gravity, angle ranges (`range`), URDF's `velocity` and `effort`
+(torque limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and MJCF's `armature`, which are
+read as viscous friction, Coulomb friction (static alike) and motor inertia.
 
-MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. What else would move the
-arm in MuJoCo is refused by name, see `_unknown_forces`.
+MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. Any other element that
+would move the arm in MuJoCo is refused by name, see `_unknown_forces`.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ _Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and i
 
 
 class _Model:
-    """A model of a chain of joints; `complaints` say what is wrong with it, by joint where there is one."""
+    """A model of a chain of joints; `complaints` lists its problems, by joint where possible."""
 
     def __init__(self, mujoco: Any, text: str, fixed: Collection[str]) -> None:
-        """Compile the text of a URDF or MJCF file with the joints of these names fixed; ValueError if it is none."""
+        """Compile the text of a URDF or MJCF file with the named joints fixed; ValueError if it is neither."""
         self.mujoco, self.text, self.fixed = mujoco, text, fixed
         try:
             self.spec = mujoco.MjSpec.from_string(text)
@@ -89,7 +89,7 @@ class _Model:
         return int(self.mujoco.mj_name2id(self.model, getattr(self.mujoco.mjtObj, kind), name))
 
     def _carried(self, body: Any) -> Iterator[Any]:
-        """Yield a body, and those that move as one with it."""
+        """Yield a body and all bodies fixed to it."""
         yield body
         for child in body.bodies:
             if all(joint.name in self.fixed for joint in child.joints):
@@ -112,7 +112,7 @@ class _Model:
                 )
 
     def _misplaced(self) -> Iterator[str]:
-        """Yield complaints about joints that do not follow the one before."""
+        """Yield complaints about joints that are not attached to the previous one."""
         for before, after in itertools.pairwise(self.chain):
             above = after.parent.parent
             while above is not None and not any(joint.name not in self.fixed for joint in above.joints):
@@ -124,7 +124,7 @@ class _Model:
                 )
 
     def _unlike(self) -> Iterator[str]:
-        """Yield complaints about joints that are not revolute, or whose angle is not that of this package."""
+        """Yield complaints about joints that are not revolute, or whose angle is defined differently here."""
         for joint in self.chain:
             if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
                 kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
@@ -157,7 +157,7 @@ class _Model:
                 compiler.inertiafromgeom = rule.mjINERTIAFROMGEOM_AUTO
 
     def _unknown_forces(self) -> list[str]:
-        """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
+        """Return a complaint for each element that moves the arm in MuJoCo or Gazebo but is not modelled here."""
         spec, chain, moving = self.spec, self.chain, itertools.chain(*self.parts.values())
         option, bit, trn = spec.option, self.mujoco.mjtDisableBit, self.mujoco.mjtTrn
         off = [one for one in _SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
@@ -219,14 +219,14 @@ class _Model:
         site = self._number("mjOBJ_SITE", name)
         body = int(self.model.site_bodyid[site]) if site >= 0 else self._number("mjOBJ_BODY", name)
         if body < 0:
-            raise ValueError(f"tip = {shown(name)} is no link or site of the model; give one, or a point [x, y, z]")
+            raise ValueError(f"tip = {shown(name)} is not a link or site of the model; give one, or a point [x, y, z]")
         if self._carrier(body) != self.links[-1]:
             raise ValueError(f"tip = {shown(name)} does not move with the last joint, {self.joints[-1]}")
         point: np.ndarray = self.data.site_xpos[site] if site >= 0 else self.data.xpos[body]
         return point
 
     def _stated(self, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
-        """Return the quantities of a joint in the model (None: absent), and why others of them cannot be read."""
+        """Return the quantities of a joint in the model (None: absent), and why others cannot be read."""
         model, k, differs = self.model, int(self.model.jnt_dofadr[joint]), {}
         low, high = model.jnt_actfrcrange[joint].tolist()
         values = {
@@ -246,10 +246,10 @@ class _Model:
         return values, differs
 
     def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
-        """Return the numbers of a joint, the overlay's before the model's; ValueError with all that neither has."""
+        """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
-                f"it has no drive, and the format knows no joint stiffness: add [joints.{name}] to the overlay"
+                f"it has no drive, and the format has no joint stiffness: add [joints.{name}] to the overlay"
             )
         values, differs = self._stated(name, number)
         given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}
@@ -306,7 +306,7 @@ def _text(path: Path) -> str:
 
 
 def _speeds(text: str) -> Iterator[tuple[str, float]]:
-    """Yield name and velocity limit of each joint of a URDF that has both."""
+    """Yield the name and velocity limit of each URDF joint that has both."""
     for joint in re.findall(r"<joint\s.*?</joint", text, re.DOTALL):
         name, speed = re.search(r"\sname\s*=\s*[\"']([^\"']*)", joint), _SPEED.search(joint)
         if name and speed:
@@ -347,7 +347,7 @@ def read_robot(path: str | Path) -> Robot:
     Raises:
         ModuleNotFoundError: the file names a model, and MuJoCo is not installed; the message names the extra.
         ValueError: the robot is not a chain of revolute joints, a link has no inertia, a value is missing or out of
-            range, or the model has what is not simulated; the message names the file, and all that is wrong by joint.
+            range, or the model has unsupported elements; the message names the file and all problems by joint.
         OSError: the file or the model cannot be read.
     """
     path = Path(path)

@@ -1,9 +1,9 @@
 """The equations of motion of a serial robot as `Physics`: the recursive algorithms on its frames, links and drives.
 
-Robots of one *structure*, the rotations between their frames and which of their other numbers are zero, have the same
-equations. What is zero is left out of them, see `Folded`. What depends on the arm only is computed once an episode: the
-`Arm` holds the numbers of the regrouped links, see `recursion`, and of these only what some equation needs. It has
-moment1x, moment1y, inertia1xx, ..., position1x, ..., tipx, ..., gravityx, ..., and the fields of `Motor`.
+Robots with the same *structure*, that is, the same rotations between their frames and the same zeros, have the same
+equations, which omit zero terms (see `Folded`). Constants of the arm are computed once per episode: the `Arm` holds the
+numbers of the regrouped links that the equations need, see `recursion`. It has moment1x, moment1y, inertia1xx, ...,
+position1x, ..., tipx, ..., gravityx, ..., and the fields of `Motor`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _ROUNDING = 1e-15  # of products of rotations
 
 
 class Structure(NamedTuple):  # its name is part of the digests of states
-    """What robots with the same equations have in common, see the module."""
+    """The structure shared by robots with the same equations, see the module."""
 
     # of each joint frame in the one before, once each frame is turned so that its axis is z
     rotations: tuple[_Rows, ...]
@@ -150,13 +150,13 @@ class _Serial:
         return self.Plant(*(numbers[name] for name in self.structure.numbers))
 
     def constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> Any:
-        """Return the `Arm` of a plant with two point masses [kg], one at the tip, the other see `_bodies`."""
+        """Return the `Arm` of a plant with two point masses [kg], placed as in `_bodies`."""
         numbers = self._constants(plant, payload, place, tip_payload)
         motors = (_motor(plant, k) for k in range(1, self.joints + 1))
         return self.Arm(*(numbers[name] for name in self._link_constants), *itertools.chain(*motors))
 
     def _constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> dict[str, Any]:
-        """Return the constants but for those of motors by name; those that are zero for the structure are left out."""
+        """Return the constants by name, without those of motors and those that are zero for the structure."""
         frames = self.structure.frames
         before = enumerate([_UNTURNED, *frames[:-1]], start=1)
         positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
@@ -171,7 +171,7 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links, the last with masses [kg] between its center (place 0) and tip (1), and at the tip."""
+        """Return the links; the last carries masses [kg] between its center (place 0) and tip (1), and at the tip."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
@@ -207,7 +207,7 @@ class _Serial:
         return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
-        """Return the accelerations by angles that `advanced` takes, under a tip force and torques on the links."""
+        """Return the acceleration function for `advanced`, under a tip force and torques on the links."""
         links, still, gravity = self._links(arm), [0.0] * self.joints, _vector(arm, "gravity")
 
         def at(link: Any) -> Callable[[Any, Any], Any]:
@@ -296,7 +296,7 @@ def _folded(numbers: Iterable[Any]) -> list[Folded]:
 
 
 def _number(record: Any, name: str) -> Any:
-    """Return a number of a plant or an arm; 0 if it has none of this name."""
+    """Return the named number of a plant or an arm; 0 if there is none."""
     return Folded(getattr(record, name)) if name in record._fields else 0.0
 
 

@@ -29,9 +29,9 @@ _PLACES = ("tip", "link")
 
 @dataclasses.dataclass(frozen=True)
 class Payload:
-    """A point mass on link 2 that the controller does not know of (Case 3).
+    """A point mass on link 2, unknown to the controller (Case 3).
 
-    Whatever has a `mass` and a `radius` is a payload: one at another place is a class with these two.
+    Any object with `mass` and `radius` is a payload; to place one elsewhere, write a class with these two.
 
     Attributes:
         mass: carried mass [kg], >= 0.
@@ -52,7 +52,7 @@ class Payload:
 
 
 class Motor(NamedTuple):
-    """A motor, its friction and its spring: fields of an `Arm`, with the number of the joint behind the name."""
+    """A motor, its friction and its spring: fields of an `Arm`, whose names end in the joint number."""
 
     motor_inertia: Any  # I_a [kg m²]
     viscous: Any  # f_v [N m s/rad]
@@ -145,7 +145,7 @@ def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> 
 
 @functools.lru_cache(maxsize=64)
 def _unloaded(parameters: ArmParameters) -> Arm:
-    """Return the constants without a payload; simulations ask for those of one arm at every step."""
+    """Return the constants without a payload; cached, because simulations need them at every step."""
     arm: Arm = lump(plant_of(parameters))
     return arm
 
@@ -194,7 +194,7 @@ def tip_force_torque(
 
 
 def motors(arm: Any, joints: Sized) -> list[Motor]:
-    """Return the motors of an arm of any number of joints, as many as `joints` has entries."""
+    """Return the motors of an arm, one for each entry of `joints`."""
     return [Motor(*(getattr(arm, f"{name}{k}") for name in Motor._fields)) for k in range(1, len(joints) + 1)]
 
 
@@ -209,7 +209,7 @@ def joint_torque(state: Any, arm: Any) -> Any:
 
 
 def motor_friction(state: Any, torque: Any, bias: Any, arm: Any) -> Any:
-    """Return Γ_f [N m] of the motors of any arm under their torques and the biases that act beside them [N m]."""
+    """Return Γ_f [N m] of the motors of any arm under their torques and added biases [N m]."""
     joint = joint_torque(state, arm)
     return type(joint)(
         *(

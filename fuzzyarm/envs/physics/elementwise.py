@@ -1,4 +1,4 @@
-"""The few functions the physics needs beyond arithmetic, for every number type it runs on.
+"""The functions that the physics needs beyond arithmetic, for every number type it supports.
 
 The plant is written once, on scalars: `numbers` records it and makes machine code for one arm and for many at once;
 NumPy runs it on arrays, torch on tensors. Sine, cosine and exponential are polynomials here, because vector libraries

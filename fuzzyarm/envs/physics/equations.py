@@ -1,4 +1,4 @@
-"""The equations of an arm, whatever describes it, and those of the paper's arm with two joints.
+"""The equations of any arm, and those of the paper's two-joint arm.
 
 The latter are in `dynamics`, `friction` and `integrator`. Elementwise source, see `elementwise`.
 """
@@ -122,7 +122,7 @@ def common_equations(arms: Sequence[AnyArm]) -> Physics:
 
 
 class _Limits(NamedTuple):
-    """Limits of the joint angles [rad], of their velocities [rad/s] and of the motor torques [N m], to either side."""
+    """Symmetric limits of the joint angles [rad], their velocities [rad/s] and the motor torques [N m]."""
 
     angle: PerJoint
     velocity: PerJoint

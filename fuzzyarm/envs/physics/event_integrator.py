@@ -7,7 +7,7 @@ Equations (1) to (3), with the signs of the descriptor form (5) and a force F on
 
 Each motor is in one of three modes. It slips forwards or backwards, where Γ_f = -F(q̇_a) sign q̇_a is smooth, until
 its velocity falls to zero; or it sticks, q̇_a = 0 exactly, until |Γ - Γ_t| exceeds Γ_fs. Between two such events
-the equations are smooth, so DOP853 solves them to the tolerance asked for.
+the equations are smooth, so DOP853 solves them to the requested tolerance.
 
 This module shares only `ArmParameters` and `Payload` with `dynamics`, `friction` and `integrator`: its right-hand
 side is written independently, and its steps never cross a sign change of a velocity. It measures the errors of
@@ -62,8 +62,8 @@ def integrate(
 ) -> np.ndarray:
     """Return the state (8,) at `stop` under held motor torques (2,) [N m] and a tip force F(t) [N], continuous in time.
 
-    The entries of `records.State` [rad, rad/s] at the time `start` [s] are given; a velocity of exactly 0 may be stick.
-    `rtol` and `atol` are DOP853's.
+    The entries of `records.State` [rad, rad/s] at the time `start` [s] are given; a velocity of exactly 0 may mean
+    stick. `rtol` and `atol` are DOP853's.
 
     Raises:
         RuntimeError: the solver gave up or met more than `_MAX_EVENTS` events; names the time and the state.
@@ -122,7 +122,7 @@ class _Plant:
         return p.stiffness[joint] * bending + p.damping[joint] * rate
 
     def mode(self, joint: int, y: np.ndarray) -> int:
-        """Return the mode at a state: the sign of the velocity, at rest that of the net torque if it exceeds Γ_fs."""
+        """Return the mode at a state: the sign of the velocity, or at rest of the net torque if it exceeds Γ_fs."""
         if y[_MOTOR_VELOCITY + joint] != 0.0:
             return int(np.sign(y[_MOTOR_VELOCITY + joint]))
         net = self.torque[joint] - self.joint_torque(joint, y)
@@ -139,8 +139,8 @@ class _Plant:
     def end_of_mode(self, joint: int, mode: int, start: float) -> Any:
         """Return the event of `solve_ivp` that ends this mode: a speed [rad/s], in stick a torque [N m], reaches zero.
 
-        It counts as positive at `start`. Otherwise a slip that has just left v = 0 would end at once, and an event of
-        the other joint at the same instant could hide this one.
+        It is treated as positive at `start`. Otherwise a slip that has just left v = 0 would end immediately, and a
+        simultaneous event of the other joint could hide this one.
         """
         static = self.parameters.static_friction[joint]
 

@@ -18,7 +18,7 @@ __all__ = [
 
 
 class DryFriction(NamedTuple):
-    """The numbers of the curve F(v) of one motor. Plants, robots and laws take their list of them from here."""
+    """The parameters of the curve F(v) of one motor; plants, robots and laws use this list."""
 
     coulomb_friction: Any  # Γ_fc [N m]
     static_friction: Any  # Γ_fs [N m]
@@ -30,7 +30,7 @@ DRY_TORQUES = ("coulomb_friction", "static_friction")
 
 
 def dry_friction_of(plant: Any, joint: int) -> DryFriction:
-    """Return the numbers of one motor of a plant, whose fields hold one number or one for each joint."""
+    """Return the friction parameters of one motor of a plant, whose fields hold one number or one per joint."""
     values = (getattr(plant, name) for name in DryFriction._fields)
     return DryFriction(*(value[joint] if isinstance(value, tuple) else value for value in values))
 
@@ -42,7 +42,7 @@ def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
 
 
 class _FrictionCurve(NamedTuple):
-    """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls."""
+    """A friction curve F(v) that falls from F(0) = Γ_fs, with the properties that a proof uses and checks in balls."""
 
     magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m], of the speed and the numbers of the curve, of any type
     steepest: Callable[[DryFriction], Any]  # a bound of -F'(v) [N m s/rad] for these numbers
@@ -60,7 +60,7 @@ STRIBECK = _FrictionCurve(
 def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
     """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
 
-    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] is what the friction has to hold at rest; F(0) = Γ_fs.
+    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] must be held by the friction at rest; F(0) = Γ_fs.
     """
     slip = -stribeck_magnitude(velocity, dry) * sign(velocity)
     stick = -smaller(abs(net_torque), dry.static_friction) * sign(net_torque)

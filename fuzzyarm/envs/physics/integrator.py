@@ -68,8 +68,8 @@ def _kick(
 ) -> tuple[Any, Any, Any]:
     """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations of `middle`.
 
-    Third, the angles [rad] that the motors travelled. `driven` are the motors, each with the inverse of its inertia:
-    products cost less than quotients.
+    The third result is the angles [rad] that the motors travelled. `driven` holds the motors with inverse inertias,
+    because products cost less than quotients.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
     links = accelerations(joint, middle.link_velocity)
@@ -105,7 +105,7 @@ def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Any:
 
 
 def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any) -> Any:
-    """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
+    """Advance like `step`, with torques `load` [N m] on the links instead of a tip force."""
 
     def at(link: PerJoint) -> _Accelerations:
         sin1, cos1 = sine_cosine(link.joint1)

@@ -1,6 +1,6 @@
-"""The parts of a serial robot, as data: links, drives, and the joints that join them; see `robot`.
+"""The parts of a serial robot as data: links, drives, and joints; see `robot`.
 
-A value out of range raises ValueError, in a joint with its name.
+A value out of range raises ValueError, which names the joint if there is one.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ class Joint:
         rotation = np.array(_matrix("rotation", self.rotation))
         _require(
             bool(np.abs(rotation.T @ rotation - np.eye(DIMENSIONS)).max() <= _ROUNDING and np.linalg.det(rotation) > 0),
-            f"rotation = {checks.shown(self.rotation)} is no rotation: its columns must be orthogonal unit vectors, "
+            f"rotation = {checks.shown(self.rotation)} is not a rotation: its columns must be orthogonal unit vectors, "
             "right-handed",
         )
         checks.keep(self, "rotation", as_rows(rotation))
@@ -164,7 +164,7 @@ class Joint:
 
 
 def as_vector(name: str, values: Any, unit: str = "") -> Vector:
-    """Return three finite numbers up to `LARGEST`; errors as those of `checks.reals`."""
+    """Return three finite numbers up to `LARGEST`; errors as in `checks.reals`."""
     x, y, z = checks.reals(name, values, DIMENSIONS, unit, low=-LARGEST, high=LARGEST)
     return x, y, z
 

@@ -38,7 +38,7 @@ def keep_quantities(record: Any, prefix: str = "", wrong_type: type[Exception] =
 
     Raises:
         ValueError: a value is out of range; the message names the field after the prefix, the value and the range.
-        `wrong_type`: a value is no real number. ValueError for a record that may come from a file.
+        `wrong_type`: a value is not a real number. Use ValueError for records from files.
     """
     for field in dataclasses.fields(record):
         if "unit" in field.metadata:
@@ -60,9 +60,9 @@ class ArmParameters:
     """Physical constants of the two-joint arm; the defaults are Table 1 of the paper.
 
     Each pair is ``(joint 1, joint 2)``. `torque_limit` is not printed in the paper: 500 and 250 N m leave room
-    above the 334 and 131 N m that the machining case was seen to need. `joint_limit` and `velocity_limit` are
+    above the 334 and 131 N m observed in the machining case. `joint_limit` and `velocity_limit` are
     the box (25) on which the Takagi-Sugeno model is exact. A mass center may lie beyond the end of its link: a motion
-    tells only the product of mass and center, so that fits find such centers.
+    determines only the product of mass and center, so fits can find such centers.
 
     Raises:
         ValueError: a value is not finite, lies outside its range, or the mass matrix is not positive definite

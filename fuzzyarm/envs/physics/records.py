@@ -1,7 +1,7 @@
-"""Records: those with an entry for each joint, where their numbers stand in arrays, and `Physics`, an arm's equations.
+"""Records with an entry per joint, the places of their numbers in arrays, and `Physics`, an arm's equations.
 
-A record is a NamedTuple whose fields are numbers or further records. In an array its numbers stand one after the
-other in the order of the fields:
+A record is a NamedTuple whose fields are numbers or further records. In an array its numbers are stored in the order of
+the fields:
 
     class Load(NamedTuple):
         torque: PerJoint
@@ -29,7 +29,7 @@ __all__ = [
 
 
 class PerJoint(NamedTuple):
-    """One number for each joint of the arm with two; `per_joint` has the record of any number of them."""
+    """One number for each joint of the two-joint arm; `per_joint` returns the record for any number of joints."""
 
     joint1: Any
     joint2: Any
@@ -39,7 +39,7 @@ JOINTS = len(PerJoint._fields)  # how many joints the paper's arm has
 
 
 class Point(NamedTuple):
-    """A vector in the plane of the two-joint arm, x points down, y to the right; `point` has the one in space."""
+    """A vector in the plane of the two-joint arm, x down and y to the right; `point` returns the one in space."""
 
     x: Any
     y: Any
@@ -61,7 +61,7 @@ def record_type(name: str, **fields: Any) -> Any:
 
 @functools.cache
 def per_joint(joints: int) -> Any:
-    """Return the record of one number for each joint, joint1, joint2, ...; always the same, `PerJoint` for two."""
+    """Return the record of one number per joint, joint1, joint2, ...; always the same class, `PerJoint` for two."""
     if joints == len(PerJoint._fields):
         return PerJoint
     return record_type("PerJoint", **{f"joint{k + 1}": Any for k in range(joints)})
@@ -88,7 +88,7 @@ def size(kind: Any) -> int:
 
 
 def places(record: type, first: int = 0) -> Any:
-    """Return the record with, for each number, the place where it stands in an array; the first is at `first`."""
+    """Return the record of each number's index in an array, counted from `first`."""
     values = []
     for _, kind in _fields(record):
         values.append(places(kind, first) if _is_record(kind) else first)
@@ -97,13 +97,13 @@ def places(record: type, first: int = 0) -> Any:
 
 
 def columns(record: type) -> Any:
-    """Return the record with, for each of its fields, the slice of places that the field takes."""
+    """Return the record of each field's slice in an array."""
     parts = [flat((part,)) for part in places(record)]
     return record(*(slice(part[0], part[-1] + 1) for part in parts))
 
 
 def filled(record: Any, numbers: Iterable[Any]) -> Any:
-    """Return a record with these numbers, which stand in its order; rows of an array, for a record of arrays."""
+    """Return a record with these numbers in its order; with rows of an array, a record of arrays."""
     return like(places(record), iter(numbers))
 
 
@@ -172,11 +172,11 @@ class Physics:
     State: Any = dataclasses.field(init=False)  # record of motor and link angles and their velocities
 
     def __post_init__(self) -> None:
-        """Take the records of so many joints and axes; attributes, because torch compiles no look-up in a cache."""
+        """Set the records for these joints and axes as attributes, because torch cannot compile a cache look-up."""
         for name, kind in (("PerJoint", per_joint), ("State", state_record)):
             object.__setattr__(self, name, kind(self.joints))
         object.__setattr__(self, "Point", point(self.axes))
 
     def __reduce__(self) -> tuple[Callable[..., Physics], tuple[Any, ...]]:
-        """Leave the functions behind."""
+        """Pickle without the functions."""
         return self.made_by

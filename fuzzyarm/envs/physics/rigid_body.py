@@ -11,8 +11,8 @@ the point of the body that is at the base's origin. A force is the pair (n, f): 
     τ_i = s_iᵀ Σ_{k>=i} f_k                                  recursive Newton-Euler
     M_ij = s_iᵀ (Σ_{k>=max(i,j)} I_k) s_j                    composite rigid bodies
 
-All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. They are written to
-be read; `serial` has the same equations for every kind of number.
+All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. They are written for
+readability; `serial` has the same equations for every kind of number.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ class Robot:
 
     @functools.cached_property
     def digest(self) -> str:
-        """A digest of all numbers: robots that differ in names and texts only have the same."""
+        """A digest of all numbers; names and texts do not affect it."""
         numbers = dataclasses.asdict(self)
         for name in ("name", "sources", "assumptions"):
             del numbers[name]
@@ -188,7 +188,7 @@ def shipped_robots() -> tuple[str, ...]:
 
 
 def robot_named(name: str) -> Robot:
-    """Return a robot that comes with the package, by its name; ValueError with all names if there is none such."""
+    """Return a robot that comes with the package, by its name; ValueError lists all names if it is unknown."""
     return _read_once(checks.choice("robot", name, shipped_robots()))
 
 
@@ -198,7 +198,7 @@ def _read_once(name: str) -> Robot:
 
 
 def _with_joint_name(message: str, content: dict[str, Any]) -> str:
-    """Return a message with the name of the joint beside its place, ``joints[2]``, in the file."""
+    """Return a message with the joint's name added to its place in the file, ``joints[2]``."""
     found = re.search(r"joints\[(\d+)\]", message)
     joints = content.get("joints")
     if not (found and isinstance(joints, list) and int(found[1]) < len(joints)):

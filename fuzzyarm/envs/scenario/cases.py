@@ -1,12 +1,12 @@
 """Named cases: the three of the paper (section 6.2), and any others that are added.
 
-The loads of the paper's cases are for its arm. `case_for` has those for any other: the payload and the machining force
-that ask for the same largest share of a motor's torque limit along the arm's default reference as they do of the
-paper's arm along its circle, to two digits; the force takes as long as that reference. Where gravity has no leverage on
-the motors, as on a horizontal arm, the payload is the paper's share of the mass of the links. An arm with the lengths
-and the torque limits of the paper's has the paper's loads. `with_loads` gives others.
+The loads of the paper's cases are for its arm. `case_for` scales them for any other arm: payload and machining force
+use the same largest share of a motor's torque limit along the arm's default reference as on the paper's arm along its
+circle, to two digits; the force lasts as long as that reference. Where gravity has no leverage on the motors, as on a
+horizontal arm, the payload is the paper's share of the mass of the links. An arm with the paper's lengths and torque
+limits has the paper's loads. `with_loads` sets others.
 
-A `Scenario` is what one episode asks of the arm, and what acts on it.
+A `Scenario` is the reference of one episode and the disturbance that acts on the arm.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ CASES = Registry[Case](__name__, {case.name: case for case in _PAPER})
 
 
 def add_case(case: Case) -> None:
-    """Make a case known by its name to this process and to the workers of its sweeps; ValueError if it is taken."""
+    """Register a case by name in this process and the workers of its sweeps; ValueError if the name is taken."""
     if case.name in CASES:
-        raise ValueError(f"there is a case {case.name!r} already: {CASES[case.name].title}; choose another name")
+        raise ValueError(f"case {case.name!r} already exists: {CASES[case.name].title}; choose another name")
     CASES[case.name] = case
 
 
@@ -169,5 +169,5 @@ def _leverages(robot: Robot) -> tuple[float, float, float]:
 
 
 def _scaled_number(factor: float, number: float) -> float:
-    """Return a load times a factor, to two digits; the load itself where the factor is 1 but for rounding."""
+    """Return a load times a factor, to two digits; the load itself if the factor is 1 up to rounding."""
     return number if abs(factor - 1.0) < _SAME else float(f"{factor * number:.2g}")

@@ -1,14 +1,14 @@
-"""The motion of a robot along a path with a name, by default the circle.
+"""The motion of a robot along a named path, by default the circle.
 
-The two-joint arm has the paths of `PAPER_PATHS`, as a `Robot` too, wherever it can follow them; the circle is the
-paper's, in the paper's 1.5 s whatever the arm's motors. Any other arm draws the path of that name in its home posture:
-in the plane of a planar robot; otherwise upright and facing the base, across the horizontal direction from the base to
-the tip. The circle and the square begin and end there, at their lowest point; the lemniscate and the line have their
-middle there. Half of the width is the largest of `_SIZES` that the robot can follow with the orientation of its last
-link kept. The duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint turns at no more than half
-of its velocity limit, and every motor, on the rigid robot, needs no more than half of its torque limit.
+The two-joint arm, also as a `Robot`, uses the paths of `PAPER_PATHS` if it can follow them; the circle is the paper's,
+in 1.5 s, whatever the motors. Any other arm draws the path of that name in its home posture: in the plane of a planar
+robot; otherwise upright and facing the base, across the horizontal direction from the base to the tip. The circle and
+the square begin and end there, at their lowest point; the lemniscate and the line have their middle there. Half of the
+width is the largest of `_SIZES` that the robot can follow with the orientation of its last link kept. The duration is
+the shortest multiple of 0.1 s from 1.5 s on for which every joint turns at no more than half of its velocity limit, and
+every motor, on the rigid robot, needs no more than half of its torque limit.
 
-Families of references for domain randomisation: of each, an episode draws one.
+There are also families of references for domain randomisation, from which each episode draws one.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ _SHARE = 0.5  # of the limits
 
 
 def default_reference(robot: Robot | ArmParameters, path: str = "circle") -> Reference:
-    """Return the motion of the module's rule along a path of `SHAPES`; the two-joint arm may be given in either way.
+    """Return the motion by the module's rule along a path of `SHAPES`; the two-joint arm may be of either type.
 
     Raises:
-        ValueError: there is no path of this name, or the robot can follow none of any size, or not even slowly.
+        ValueError: the path is unknown, or the robot cannot follow it in any size or at any speed.
     """
     choice("path", path, tuple(SHAPES))
     if isinstance(robot, Robot):
@@ -136,7 +136,7 @@ def timed(slow: TipReference) -> TipReference:
 
 
 def _torques(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the torques (..., n) [N m] that hold the rigid robot, and what the motion needs beside them."""
+    """Return the torques (..., n) [N m] that hold the rigid robot, and the additional ones for the motion."""
     weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
     return weight, inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
 
@@ -176,13 +176,13 @@ _SLOWER = 1.25  # factor on the duration of a reference that needs more
 
 
 def reference_family(arm: AnyArm, count: int = _FAMILY, seed: int = _FAMILY_SEED) -> tuple[Reference, ...]:
-    """Return `count` references that always come out the same for an arm and a seed.
+    """Return `count` references, determined by the arm and the seed.
 
-    For the two-joint arm circles, lemniscates and lines of the tip; for a robot splines of the joint angles that begin
-    and end at home and pass two postures within 0.6 rad of it, at a tenth to a half of the velocity limits.
+    They are circles, lemniscates and lines of the tip for the two-joint arm; for a robot, splines of the joint angles
+    that begin and end at home and pass two postures within 0.6 rad of it, at a tenth to a half of the velocity limits.
 
     Raises:
-        ValueError: the motors of the robot are too weak for any of them.
+        ValueError: the motors of the robot are too weak for every reference.
     """
     return _tip_paths(arm, count, seed) if isinstance(arm, ArmParameters) else _splines(arm, count, seed)
 
@@ -221,9 +221,9 @@ def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
 def _tip_paths(parameters: ArmParameters, count: int, seed: int) -> tuple[JointReference, ...]:
     """Return references of the two-joint arm along curves of the tip.
 
-    Circles mostly, every eighth a lemniscate and every eighth a line: size 5-20 % of the reach, center anywhere that
-    keeps the curve within 30-92 % of it, any start angle, either direction, peak tip speed 0.4-2.2 reaches a second
-    (a lemniscate passes its crossing up to 1.46 times faster), by rejection.
+    Six of eight are circles, one a lemniscate and one a line. Rejection sampling draws a size of 5-20 % of the reach,
+    any center that keeps the curve within 30-92 % of it, any start angle and direction, and a peak tip speed of 0.4-2.2
+    reaches a second (a lemniscate passes its crossing up to 1.46 times faster).
     """
     generator = np.random.default_rng(seed)
     reach = sum(parameters.length)

@@ -24,7 +24,7 @@ class TipForce(Protocol):
 
     Vectors have two numbers in the plane of the two-joint arm and three for other robots.
 
-    A new kind of force is a class with this method, in a file of its own: nothing else has to know of it.
+    A new kind of force is a class with this method in its own file; nothing else needs to change.
     """
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ class ConstantForce:
 class TorqueBias:
     """A torque [N m] added to what the motors apply from `start` to `stop` [s], one number for each joint.
 
-    The controller does not see it.
+    The controller does not observe it.
     """
 
     torque: tuple[float, ...]
@@ -116,7 +116,7 @@ class EncoderNoise:
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts on the arm in one episode, any combination of these parts; None and the default payload are nothing.
+    """The disturbances of one episode, in any combination; None and the default payload have no effect.
 
     Examples:
         >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass
@@ -145,7 +145,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers whose count is one of `sizes`; the error for another count asks for two."""
+    """Return real numbers whose count is one of `sizes`; the error message asks for two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 

@@ -1,8 +1,8 @@
-"""The motor reference with which the links of the elastic arm follow a reference exactly, if it is known in advance.
+"""The motor reference that makes the elastic arm's links follow a reference exactly, if it is known in advance.
 
-The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d). The joints provide it if they are bent by
-δ = θ_d - q_d with B_t δ̇ + K_t δ = τ_d, equation (2). Its stationary solution, after the transient of the start, is,
-with b = B_t/K_t,
+The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d). The joints provide it when deflected by δ =
+θ_d - q_d with B_t δ̇ + K_t δ = τ_d, equation (2). Its stationary solution, after the transient of the start, is, with b
+= B_t/K_t,
 
     δ(t) = 1/K_t ∫_0^∞ e⁻ˣ τ_d(t - b x) dx,      δ̇ = (τ_d - K_t δ)/B_t,      δ̈ = (τ̇_d - K_t δ̇)/B_t,
 
@@ -40,7 +40,7 @@ _STENCIL, _REACH = 9, 2e-3  # Chebyshev points within ± this share of the durat
 class ElasticReference:
     """θ_d(t), θ̇_d(t), θ̈_d(t) of the motors for a reference of the links; see the module.
 
-    As for the reference itself, every value depends on its own t alone; before t = 0 and long after T the arm rests.
+    As for the reference itself, a value depends only on its t; before t = 0 and long after T the arm rests.
 
     Raises:
         ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold, or the ranges of a robot's joints.
@@ -89,7 +89,7 @@ class ElasticReference:
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], shapes (..., n), at times t [s] of shape (...,).
 
-        θ̈_d jumps where q̈_d has a corner, without damping θ̇_d too; there it is the value on the right.
+        θ̈_d, and without damping also θ̇_d, jumps where q̈_d has a corner; the value there is the right limit.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         flat = times.ravel()

@@ -1,4 +1,4 @@
-"""A path of the tip by points of a file: the cubic spline through them, followed by any arm."""
+"""A tip path given by points in a file: the cubic spline through them, for any arm."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class GivenPath:
     Attributes:
         points: (x, y) [m] of the two-joint arm, x down and y to the right, or (x, y, z) [m] in the base frame of a
             robot.
-        closed: whether the way goes back to the first point.
+        closed: whether the path returns to the first point.
         duration: of the motion [s]; None: that of the rule in `default_reference`.
     """
 
@@ -55,11 +55,12 @@ class GivenPath:
     def read(cls, path: Path) -> GivenPath:
         """Read a file.
 
-        A CSV file has a point a line, with or without the heading ``x,y`` or ``x,y,z``; if the last is the first again,
-        the path is closed. A TOML file has ``points = [[x, y], ...]`` and, if wanted, ``closed`` and ``duration``.
+        A CSV file has one point per line, with or without the heading ``x,y`` or ``x,y,z``; if the last point equals
+        the first, the path is closed. A TOML file has ``points = [[x, y], ...]`` and, if wanted, ``closed`` and
+        ``duration``.
 
         Raises:
-            ValueError: the file is none of these, or its numbers are no path; the message names the file.
+            ValueError: the file has another format, or its numbers do not define a path; the message names the file.
             OSError: the file cannot be read.
         """
         try:
@@ -93,7 +94,7 @@ class GivenPath:
         """Return the motion of an arm along the path; the two-joint arm bends its elbow to q2 > 0 if it can.
 
         Raises:
-            ValueError: the points have another number of coordinates than the arm, or it cannot follow them.
+            ValueError: the points have the wrong number of coordinates, or the arm cannot follow them.
         """
         try:
             return self._followed_by(arm)

@@ -1,4 +1,4 @@
-"""Where the tip of a robot is and how its last link is turned, how both change with the joints, and the inverse.
+"""Kinematics of a robot: position of the tip, rotation of the last link, their derivatives, and the inverse.
 
 With the axis z_i and the origin p_i of joint i, and the tip p, in the base frame:
 
@@ -11,13 +11,14 @@ The posture that puts the tip on a point p solves one square system of equations
 x and R are position of the tip and rotation of the last link. P projects on what the tip can do (a plane for a planar
 robot, else space), O on the directions about which the last link can turn (one for a planar robot, else three).
 
-- Orientation: where there are joints enough, the last link keeps the rotation R_0 of the start; otherwise, or where it
-  may turn freely, O has no rows.
+- Orientation: if there are enough joints, the last link keeps its initial rotation R_0; otherwise, or if it may turn
+  freely, O has no rows.
 - Redundancy: the columns of N span the motions that change neither at the start posture q_0. Those stay zero, so that a
   closed path brings all joints back.
 - Branch: q follows the solution continuously from q_0; on its way A stays away from singular matrices.
 
-The default first posture is dexterous (Yoshikawa, 1985, with lengths in reaches), at ease, and far from its limits:
+The default first posture is dexterous (Yoshikawa, 1985, with lengths in reaches), needs little torque, and is far from
+its limits:
 
     home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²),   half ranges at most π
 
@@ -75,7 +76,7 @@ def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def reach(robot: Robot) -> float:
-    """Return how far the tip can be from the first joint at most [m]: the summed distances from joint to joint."""
+    """Return an upper bound on the tip's distance from the first joint [m]: the summed distances between joints."""
     return float(np.sum(link_lengths(robot)))
 
 
@@ -114,7 +115,7 @@ class _Freedom(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def freedom(robot: Robot) -> _Freedom:
-    """Return along which directions the tip of a robot can move, and about which its last link can turn."""
+    """Return the directions in which the tip of a robot can move, and about which its last link can turn."""
     low, high = angle_ranges(robot)
     q = np.random.default_rng(_SPAN_SEED).uniform(low, high, (_SPAN_POSTURES, len(robot)))
     rows = jacobian(frames(robot, q))
@@ -180,10 +181,10 @@ class TipTask:
 def start_posture(
     robot: Robot, near: np.ndarray, point: np.ndarray, keeps_orientation: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a posture (n,) [rad] within the joints' ranges and what it misses (m,) [m, rad]: zero if it is a start.
+    """Return a posture (n,) [rad] within the joints' ranges and its residual (m,) [m, rad], zero for a valid start.
 
-    It is found by bounded least squares from `near` (n,), whose rotation of the last link it has if it keeps the
-    orientation; the tip is to be at `point` (3,) [m].
+    It is found by bounded least squares from `near` (n,), with the tip at `point` (3,) [m]; if the orientation is kept,
+    the last link has its rotation at `near`.
     """
     from scipy.optimize import least_squares  # SciPy is only needed here
 

@@ -53,7 +53,7 @@ class TipPath(Protocol):
     """Protocol of a path: any class with this method can be used.
 
     A curve whose second derivative has corners may name them in an attribute `corners`, ascending values of s: code
-    that differentiates further (`elastic_reference`) is then exact at them too.
+    that differentiates further (`elastic_reference`) is then also exact there.
     """
 
     def points(self, s: ArrayLike) -> _Points:
@@ -115,7 +115,7 @@ class Line:
 
     Attributes:
         start: (x, y) or (x, y, z) [m] at s = 0.
-        end: likewise [m] at s = 1, at least `_MINIMUM_SPACING` from start.
+        end: (x, y) or (x, y, z) [m] at s = 1, at least `_MINIMUM_SPACING` from start.
     """
 
     start: _AnyPoint
@@ -174,7 +174,7 @@ class Spline:
 
     Attributes:
         waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array of pairs or triples), neighbours
-            at least `_MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
+            at least `_MINIMUM_SPACING` apart. A closed spline returns by itself: do not repeat the first point.
         closed: whether the curve returns to its start.
     """
 
@@ -305,7 +305,7 @@ class Placed:
         path: the plane curve: `Circle`, `Lemniscate`, or any other `TipPath` with points (..., 2).
         origin: where (0, 0) of the plane lies, (x, y, z) [m]; (x, y) for a curve in the plane of the two-joint arm.
         first: e_1, direction of the plane's x, a unit vector.
-        second: e_2, direction of the plane's y, likewise; the plane faces e_1 × e_2.
+        second: e_2, direction of the plane's y, a unit vector; the plane faces e_1 × e_2.
 
     Examples:
         >>> facing_x = Placed(Circle(center=(0.0, 0.0), radius=0.1), (0.5, 0.0, 0.4), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Domain randomisation: how the plants, loads, starts and references of episodes differ, as data.
+"""Domain randomisation: data that describe how plants, loads, starts and references of episodes vary.
 
 Every quantity of an episode is drawn independently and uniformly from a range; a range of zero width
 leaves the nominal value, so the default randomisation varies nothing.
@@ -29,10 +29,10 @@ _HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg 
 def draw_record(joints: int) -> Any:
     """Return the record of what one episode draws; scalars, or arrays with one value per lane.
 
-    Factors, one per joint: of the link's mass and inertia, of the motor's inertia, of joint stiffness and damping, of
-    dry friction (static and Coulomb alike) and of viscous friction. Then the payload added to the case's [kg], the
-    factor of the case's tip force, the angles [rad] by which the start differs from the reference, and the index of
-    the reference in the family (0 where there is none).
+    There are factors, one per joint, of the link's mass and inertia, of the motor's inertia, of joint stiffness and
+    damping, of dry friction (static and Coulomb alike) and of viscous friction. Then follow the payload added to the
+    case's [kg], the factor of the case's tip force, the angles [rad] by which the start differs from the reference, and
+    the index of the reference in the family (0 without a family).
     """
     factors = dict.fromkeys(
         ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction"), per_joint(joints)
@@ -47,7 +47,7 @@ def _range(nominal: float, low: float, high: float, unit: str = "") -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class DomainRandomisation:
-    """Ranges (low, high) of the uniform distributions that an episode is drawn from; the defaults vary nothing.
+    """Ranges (low, high) of the uniform distributions of an episode; the defaults vary nothing.
 
     Attributes:
         mass: factor of each link's mass and inertia, a draw per link.
@@ -58,13 +58,13 @@ class DomainRandomisation:
         viscous_friction: factor of each motor's viscous friction.
         payload: mass at the tip [kg], added to the case's own payload.
         force: factor of the case's tip force (without one there is nothing to scale).
-        angle: how far each joint starts beside the reference [rad].
-        references: family of which each episode draws one, in place of the environment's reference; all for the
-            arm's link lengths. Empty: no draw.
+        angle: initial offset of each joint from the reference [rad].
+        references: family from which each episode draws one, in place of the environment's reference; all for the arm's
+        link lengths. Empty: no draw.
 
     Raises:
-        TypeError: a range holds no real numbers, or the references are no `Reference` objects.
-        ValueError: a range is no pair low <= high, or leaves what is allowed for it.
+        TypeError: a range is not of real numbers, or the references are not `Reference` objects.
+        ValueError: a range is not a pair low <= high, or exceeds its allowed range.
 
     Examples:
         >>> DomainRandomisation(payload=(0.0, 5.0), stiffness=(0.8, 1.2)).payload
@@ -94,11 +94,11 @@ class DomainRandomisation:
 
     @property
     def varies(self) -> bool:
-        """Whether anything is drawn at all."""
+        """Whether anything is drawn."""
         return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
 
     def ranges(self, joints: int) -> np.ndarray:
-        """Return low and high of every number of `draw_record`, a row each; a reference is one of [0, their number)."""
+        """Return a row (low, high) for every number of `draw_record`; references are drawn from [0, their number)."""
         kind = draw_record(joints)
         table = np.empty((size(kind), 2))
         for name, where in columns(kind)._asdict().items():

@@ -1,9 +1,9 @@
-"""What every reference offers, and that of the two-joint arm: a path of the tip, followed by inverse kinematics (26).
+"""The interface of references, and that of the two-joint arm: a tip path, followed by inverse kinematics (26).
 
     p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇),  s(t) as below
 
-References of other robots are in `robot_reference`. Section 6.1.3 of the paper; the values it does
-not print (start angle, direction, elbow) were found from its peak torques, see `paths.Circle`.
+References of other robots are in `robot_reference`. Section 6.1.3 of the paper; the values that it does not print
+(start angle, direction, elbow) were found from its peak torques, see `paths.Circle`.
 
 The time law leads every reference from rest to rest:
 
@@ -92,7 +92,7 @@ class TipSample(NamedTuple):
 
 
 class Reference(abc.ABC):
-    """A motion of the joints from rest to rest, twice differentiable, and where it brings the tip.
+    """A twice differentiable motion of the joints from rest to rest, and the motion of the tip.
 
     Every value depends on its own t alone. Before t = 0 and after t = T the arm rests at the ends.
 
@@ -109,7 +109,7 @@ class Reference(abc.ABC):
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center (2,) or (3,) [m] and radius [m] of the curve of the tip; None where it is no circle."""
+        """Center (2,) or (3,) [m] and radius [m] of the curve of the tip; None if it is not a circle."""
         return None
 
     @abc.abstractmethod
@@ -122,7 +122,7 @@ class Reference(abc.ABC):
 
     @abc.abstractmethod
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return the unit normals (..., 2) or (..., 3) of the tip's curve, along which a deviation has its sign."""
+        """Return the unit normals (..., 2) or (..., 3) of the tip's curve, which define the sign of a deviation."""
 
     @abc.abstractmethod
     def corners(self) -> np.ndarray:
@@ -285,7 +285,7 @@ def check_limits(
     """Raise ValueError if an angle [rad] leaves its joint's range or a velocity [rad/s] passes its limit.
 
     `limits` are lowest and highest angles and largest velocities, each (n,), the motion is (k, n) at times t (k,) [s],
-    the last one the duration. The message has a way out, the advice where an angle leaves its range.
+    the last one the duration. The message suggests a remedy, `advice` if an angle leaves its range.
     """
     (low, high, speed), duration = limits, float(t[-1])
     beyond = np.maximum(motion.q - high, low - motion.q)

@@ -5,7 +5,7 @@ Along a path of the tip, by inverse kinematics, with f and A of `kinematics`,
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
 The branch is followed once, in steps of s; then Newton's method corrects an interpolation to the last digit, so that
-every value depends on its own t alone. Along a spline c of the joint angles through given postures, twice continuously
+every value depends only on its t. Along a spline c of the joint angles through given postures, twice continuously
 differentiable, from rest to rest,
 
     q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
@@ -168,7 +168,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _followed(self) -> CubicHermiteSpline:
-        """The posture over s, exact at `_NODES`: followed over `_STEPS`, then made fine."""
+        """The posture over s, exact at `_NODES`: followed over `_STEPS`, then refined."""
         from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
 
         points, tangents, _ = self.path.points(_STEPS)

@@ -1,1 +1,1 @@
-"""Benchmark of speed: environment steps per second, compared with peers."""
+"""Benchmark of speed: environment steps per second, compared with other packages."""

@@ -1,8 +1,8 @@
 """Entries of the speed table: this project's environments, sweeps with and without a kernel, and their peers.
 
 Opening an entry gives a function that runs for a wall time and returns environment steps per second. A step is a
-control step with observation, reward and the resets that are due, under actions drawn beforehand. The peers are
-Gymnasium's and EnvPool's nearest environments, and the same arm in MuJoCo.
+control step with observation, reward and due resets, under actions drawn beforehand. The peers are the most similar
+environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ UNAVAILABLE = (ImportError, gym.error.Error, RuntimeError)
 class Entry:
     """A line of the speed table.
 
-    `open` returns a context around the function that measures, which builds and frees the environment; entering raises
-    one of `UNAVAILABLE` where the entry cannot run. `tip_error` returns the largest distance [m] of the tip from the
-    event integrator's in the nominal case, with computed torque in the loop; None where it is not defined.
+    `open` returns a context that builds and frees the environment and yields the measuring function; entering raises
+    one of `UNAVAILABLE` if the entry cannot run. `tip_error` returns the largest distance [m] of the tip from the event
+    integrator's in the nominal case, with computed torque in the loop; None where it is not defined.
     """
 
     name: str
@@ -107,7 +107,7 @@ def batch_entries(lanes: int, threads: int) -> list[Entry]:
 def sweep_entries() -> dict[str, list[Entry]]:
     """Return the entries of sweeps by heading, two for each of two policies; they run one chunk of `fuzzyarm sweep`.
 
-    A chunk runs on one thread. The second entry, step by step, is the peer of the first, in one kernel.
+    A chunk runs on one thread. The first entry runs in one kernel; the second, its peer, step by step.
     """
     found = {}
     for policy in ("fuzzy-4-tip", "elastic-observer"):
@@ -124,7 +124,7 @@ def sweep_entries() -> dict[str, list[Entry]]:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance`, which returns its number of steps, until the time is up."""
+    """Return a function that calls `advance`, which returns its number of steps, until a time has elapsed."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0
@@ -243,7 +243,7 @@ def _mujoco(lanes: int, threads: int, substeps: int) -> Iterator[Measure]:
 
 @functools.cache
 def _mujoco_arm() -> ModuleType:
-    """Import the benchmark with the arm in MuJoCo, which a clone of the repository has and an installed package not."""
+    """Import the benchmark with the arm in MuJoCo, which is in the repository but not in the installed package."""
     path = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
     if not path.exists():
         raise RuntimeError("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")

@@ -30,14 +30,14 @@ _FEWEST_ROUNDS = 5  # quartiles of fewer rounds say little
 
 @dataclasses.dataclass(frozen=True)
 class BenchConfig:
-    """What is measured, and for how long.
+    """What to measure, and for how long.
 
     Attributes:
         seconds: wall time of each turn [s].
         rounds: turns of each entry; odd, so that the median is one of them, and at least 5.
         lanes: sizes of the batches in the table; peers are measured up to 4096 lanes, torch from there on.
         threads: CPU threads that a batch may use, at most one per core.
-        lanes_sweep: measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, and
+        lanes_sweep: also measure batches of 1, 4, 16, ... 262144 lanes and draw throughput.png; takes a few minutes and
             needs --out.
     """
 
@@ -100,8 +100,8 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
 
     It holds provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
     quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
-    ``tip_error_um``; and ``memory_per_lane`` [bytes]. `progress` is called `config.turns()` times with a few words on
-    what comes next.
+    ``tip_error_um``; and ``memory_per_lane`` [bytes]. `progress` is called `config.turns()` times with a description of
+    the next turn.
     """
     rows, sweep = (
         [row for name, group in groups.items() for row in _race(name, group, config.rounds, config.seconds, progress)]
@@ -126,7 +126,7 @@ def _race(
     """Measure the entries of a group in turns, each once in every round, and return a row of the document for each.
 
     The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
-    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it. Tip
+    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each with a description. Tip
     errors are computed after the last turn.
     """
     with contextlib.ExitStack() as stack:
@@ -189,7 +189,7 @@ def _memory_per_lane() -> float:
 
 
 def _reason(error: Exception, extra: str) -> str:
-    """Return in one line why something was not measured, and which optional dependencies of fuzzyarm would help."""
+    """Return one line on why an entry was not measured, and which optional dependencies would help."""
     if isinstance(error, ModuleNotFoundError):
         return f'{error.name} is not installed: pip install -c constraints.txt -e ".[{extra}]" in the repository'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -18,7 +18,7 @@ __all__ = ["draw_throughput", "print_speeds"]
 
 
 def _speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and, for each row, the texts below them."""
+    """Return the headings and the cells of each row."""
     peers = list(dict.fromkeys(peer for row in rows for peer in row["ratios"]))
     headings = ["group", "entry", "lanes", "threads", "dtype", "steps/s [thousand]"]
     headings += [*(f"× {peer}" for peer in peers), "tip error [µm]"]
@@ -59,7 +59,7 @@ def _speed_notes(document: dict[str, Any]) -> list[str]:
 
 
 def print_speeds(document: dict[str, Any], console: Console) -> None:
-    """Print the table and its notes; of the sweep over lanes only what was measured."""
+    """Print the table and its notes; of the sweep over lanes, print only what was measured."""
     headings, cells = _speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
     Sheet(headings[1:], [row[1:] for row in cells], groups=[row[0] for row in cells]).print(console)
     print_paragraphs(console, _speed_notes(document))

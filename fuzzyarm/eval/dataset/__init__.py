@@ -1,1 +1,1 @@
-"""Episodes of named policies as data sets in Minari's format, for imitation and for learning without the arm."""
+"""Episodes of named policies as data sets in Minari's format, for imitation and offline learning."""

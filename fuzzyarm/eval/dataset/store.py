@@ -88,7 +88,7 @@ def score_of(recorded: Sequence[_Episode], condition: Condition) -> tuple[float,
     """Return N of episodes with successive seeds, and the mean return of each policy of `ANCHORS` in the same episodes.
 
     N = 100 (S - S_c)/(S_o - S_c) as in `fuzzyarm.eval.score`, with S_c of computed-torque and S_o of learned-observer
-    without noise on the same arms, loads and paths: episodes of one condition differ in how hard they are.
+    without noise on the same arms, loads and paths: episodes of one condition differ in difficulty.
     """
     seed, count = recorded[0].seed, len(recorded)
     anchors = {name: list(record(load_policy(name), condition, count, seed)) for name in ANCHORS}
@@ -103,7 +103,7 @@ def score_of(recorded: Sequence[_Episode], condition: Condition) -> tuple[float,
 
 
 def check_installed() -> None:
-    """Raise ValueError with the way out if Minari or its storage library is not installed."""
+    """Raise ValueError, with the install command, if Minari or its storage library is missing."""
     try:
         import h5py  # noqa: F401
         import minari  # noqa: F401
@@ -117,8 +117,8 @@ def check_installed() -> None:
 def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None] = lambda **_: None) -> Path:
     """Record a data set, write it into an existing folder of data sets, whole or not at all, and return its folder.
 
-    `advance` is called with ``completed``, the number of episodes so far. ValueError: there is one of that name, Minari
-    is not installed, or a policy cannot be loaded.
+    `advance` is called with ``completed``, the number of episodes so far. ValueError: the name exists, Minari is not
+    installed, or a policy cannot be loaded.
     """
     check_installed()
     import gymnasium as gym
@@ -126,7 +126,7 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
 
     folder = root / config.name
     if folder.exists():
-        raise ValueError(f"{folder} is there already; choose another folder, or remove it")
+        raise ValueError(f"{folder} already exists; choose another folder, or remove it")
     recorded = list[_Episode]()
     for policy, count in config.shares.items():
         for episode in record(load_policy(policy), config.condition, count, config.seed + len(recorded), config.noise):
@@ -169,10 +169,10 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
 def open_dataset(folder: str | Path) -> Any:
     """Return the `minari.MinariDataset` of a folder that `write_dataset` wrote.
 
-    The names of policies and the environment in it are text; nothing of them is imported or run.
+    The names of policies and the environment in it are only text; none is imported or run.
 
     Raises:
-        DocumentError: there is no data set, it is damaged, or it is of another version.
+        DocumentError: there is not a data set, it is damaged, or it is of another version.
         ValueError: Minari is not installed.
     """
     check_installed()
@@ -181,7 +181,7 @@ def open_dataset(folder: str | Path) -> Any:
 
     path = Path(folder)
     if not (path / _DATA).is_dir():
-        raise DocumentError(f"{path} is no data set; fuzzyarm dataset --out DIR writes one")
+        raise DocumentError(f"{path} is not a data set; fuzzyarm dataset --out DIR writes one")
     try:
         read_json(path / _DATA / "metadata.json")
         open_regular(path / _DATA / "main_data.hdf5").close()  # HDF5 would wait for the writer of a pipe
@@ -192,15 +192,15 @@ def open_dataset(folder: str | Path) -> Any:
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DocumentError(f"{path} is no data set that Minari can read ({reason}); write it again") from None
+        raise DocumentError(f"{path} is not a data set that Minari can read ({reason}); write it again") from None
     if found is None:
         raise DocumentError(f"{path} was not written by fuzzyarm dataset")
     try:
         schema = instance("metadata", parse_json(found), dict).get("schema")
     except (AttributeError, TypeError, ValueError):
-        raise DocumentError(f"{path} does not say where it comes from; write it again") from None
+        raise DocumentError(f"{path} does not state its origin; write it again") from None
     if schema != _SCHEMA:
-        raise DocumentError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it again")
+        raise DocumentError(f"{path} has another version, {shown(schema)}; this one reads {_SCHEMA}: write it again")
     return dataset
 
 
@@ -229,7 +229,7 @@ def _buffer(number: int, episode: _Episode) -> Any:
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Let Minari write to a folder, without its warnings about code address, e-mail and environment, left out here."""
+    """Let Minari write to a folder, without its warnings about a missing code link, e-mail and environment."""
     name = "MINARI_DATASETS_PATH"
     before = os.environ.get(name)
     os.environ[name] = str(folder)

@@ -1,11 +1,11 @@
-"""What a policy believes of load and arm while it acts, sample by sample, with standard deviations.
+"""A policy's estimates of load and arm while it acts, sample by sample, with standard deviations.
 
-A policy has beliefs if it has a method ``beliefs(state)``. Each of these attributes of the returned object may be
-missing, and is kept only beside its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes) [N],
-``payload`` (...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, by name (..., n).
+A policy has beliefs if it has a method ``beliefs(state)``. Each of these attributes of the returned object is optional,
+and is kept only with its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes) [N], ``payload``
+(...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, by name (..., n).
 
-The object may also have ``diverged``, true once the estimate is given up; ``at_end``, by name whether an estimate is at
-an end of its range; and ``other_path``, true once the path has left that of the previous pass.
+The object may also have ``diverged``, true once the estimate has diverged; ``at_end``, by name whether an estimate is
+at a limit of its range; and ``other_path``, true once the path has left that of the previous pass.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _EVENTS = {
 
 
 class Believing:
-    """Records what a policy believes after each of its actions."""
+    """Records the policy's estimates after each of its actions."""
 
     def __init__(self, policy: Predictor) -> None:
         """Begin with no samples of this policy."""
@@ -43,7 +43,7 @@ class Believing:
         self._at_last: list[str] = []  # the estimates at an end in the last sample before a divergence
 
     def note(self, control_period: float) -> str:
-        """Return in words what happened: another path, a divergence, estimates at the ends of their ranges."""
+        """Return notes on events: another path, a divergence, estimates at the limits of their ranges."""
         at = {name: f"{sample * control_period:.3f} s" for name, sample in (self._first | self._ends).items()}
         said = [text.format(at[name]) for name, text in _EVENTS.items() if name in self._first]
         ends = [
@@ -57,12 +57,12 @@ class Believing:
     def rows(self) -> np.ndarray:
         """Return the recorded numbers (samples, `names`), or `NO_BELIEFS` for a policy without beliefs.
 
-        A number that is not finite is replaced by nan, and so is every number from the divergence of the filter on.
+        A number that is not finite is replaced by nan, and so is every number after the filter diverges.
         """
         return np.array(self._rows) if self.names else NO_BELIEFS
 
     def add(self, memory: Any) -> None:
-        """Record what the policy believes, given the state that it returned with its action."""
+        """Record the policy's estimates from the state that it returned with its action."""
         if self._beliefs is None:
             return
         beliefs = self._beliefs(memory)
@@ -92,7 +92,7 @@ def _columns_of(part: str, count: int) -> list[str]:
 
 
 def _parts(beliefs: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return name, numbers and deviations of each part that has both."""
+    """Return name, estimates and standard deviations of each part that has both."""
     deviations = getattr(beliefs, f"factors{DEVIATION}", {})
     found = [(name, getattr(beliefs, name, None), getattr(beliefs, name + DEVIATION, None)) for name in _KEPT]
     found += [(name, value, deviations.get(name)) for name, value in getattr(beliefs, "factors", {}).items()]

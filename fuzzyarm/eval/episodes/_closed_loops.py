@@ -57,8 +57,8 @@ class _Episode(NamedTuple):
 def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
     """Run the episodes that have just begun in all lanes to their ends and return their tip errors.
 
-    The lanes themselves do not change. `observation` (lanes, 5 n) is what the policy, whose law this is, reads at the
-    beginning. The result is None where a torque was not finite, which `loop.episodes` refuses with a message.
+    The lanes do not change. `observation` (lanes, 5 n) is the first reading of the law's policy. The result is None if
+    a torque was not finite, which `loop.episodes` refuses with a message.
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None

@@ -1,4 +1,4 @@
-"""The one loop in which policies act: an episode of a single arm, or one of each lane of a batch, step by step.
+"""The one loop in which policies act: an episode of a single arm, or one per lane of a batch, step by step.
 
 The caller iterates and decides what to keep: `rollout.rollout_of` keeps all signals of one arm, `TipErrors` the tip
 errors of every lane.
@@ -25,8 +25,8 @@ __all__ = ["Step", "TipErrors", "episodes"]
 class Step(NamedTuple):
     """One control step; for a batch every array has a leading axis of lanes.
 
-    Where an episode `ended`, all values are those after its last step, although the lanes of a batch begin again at
-    once.
+    Where an episode `ended`, all values are those after its last step, although the lanes of a batch restart
+    immediately.
     """
 
     observation: np.ndarray  # (10,) or (lanes, 10), after the step
@@ -52,7 +52,7 @@ def episodes(
 
     Args:
         env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another with that `step`; a lane of a batch that has
-            ended begins another episode, which is to be ignored, and the policy's memory of it is reset.
+            ended begins another episode, which is ignored, and the policy's memory is reset.
         policy: the policy that acts.
         start: the observation (10,) or (lanes, 10) and the info of ``env.reset``.
         sense: returns the observation that the policy gets, given observation and info; default: the observation.
@@ -78,7 +78,7 @@ def episodes(
 
 
 def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return observation and info of a batch; where an episode ended, those of its end, not of the next beginning."""
+    """Return observation and info of a batch; where an episode ended, its final ones, not those of the next episode."""
     final = info["final_info"]
     last = observation.copy()
     last[ended] = np.stack(info["final_obs"][ended])

@@ -1,7 +1,7 @@
 """The metrics of a rollout, each defined once; `add_metric` adds one.
 
-Results, their table, the report, sweeps and leaderboards take everything about a metric from its definition here. A
-metric is over all control steps of the episode unless its description says otherwise.
+Results, their table, the report, sweeps and leaderboards use only this definition of a metric. A metric covers all
+control steps of the episode unless its description says otherwise.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FRINGE = 0.1  # s, at both ends of an episode
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A number by which a rollout is judged."""
+    """A number computed from a rollout."""
 
     name: str  # key in results and heading of the CSV column
     unit: str  # empty for a pure number
@@ -117,7 +117,7 @@ METRICS = Registry[Metric](__name__, {metric.name: metric for metric in _ALL})
 def add_metric(metric: Metric) -> None:
     """Add a metric to every evaluation of this process; ValueError if its name is taken."""
     if metric.name in METRICS:
-        raise ValueError(f"there is a metric {metric.name!r} already; choose another name")
+        raise ValueError(f"metric {metric.name!r} already exists; choose another name")
     METRICS[metric.name] = metric
 
 
@@ -136,7 +136,7 @@ def swept() -> dict[str, Metric]:
 
 
 def ranked() -> dict[str, Metric]:
-    """Return the metrics that leaderboards show beside the score, by their words there."""
+    """Return the metrics that leaderboards show with the score, by their headings there."""
     return {metric.column or metric.name: metric for metric in METRICS.values() if metric.ranked}
 
 
@@ -151,7 +151,7 @@ def metrics_of(rollout: Rollout) -> dict[str, float]:
 def is_lost(row: Mapping[str, Any]) -> bool:
     """Return whether an episode is lost, given its row of results: it ended early, or its tip error exceeded `LOST`.
 
-    Every table, chart and sentence of the package means this by a lost path. An episode that "ended early" is one that
+    Every table, chart and sentence of the package uses this definition of a lost path. An episode "ended early" if it
     ended before its reference.
     """
     return not row["completed"] or bool(row["tip_error_max_mm"] > LOST)

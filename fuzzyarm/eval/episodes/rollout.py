@@ -1,4 +1,4 @@
-"""Episodes of one policy, recorded sample by sample: one, or several along one path by a policy that may learn."""
+"""Episodes of one policy, recorded sample by sample: one, or several passes along one path."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ __all__ = ["Rollout", "record_passes", "record_rollout", "rollout_of", "run_epis
 class Rollout:
     """Signals of one episode; row k is the state after control step k + 1, at `time[k]`.
 
-    n control steps of an arm with so many joints; points have two coordinates, those of a robot other than the
-    two-joint arm three.
+    There are n control steps; points have two coordinates, or three for robots other than the two-joint arm.
     """
 
     policy: str  # its name
@@ -76,7 +75,7 @@ _SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.na
 def rollout_of(
     steps: Iterable[Step], lane: int | None = None, *, parameters: AnyArm, step_time: float = math.nan, **named: Any
 ) -> Rollout:
-    """Return the episode that steps of a single arm make, or that the steps of one lane of a batch make.
+    """Return the episode made of steps of a single arm or of one lane of a batch.
 
     `parameters` is the arm, whose joint limits are needed; `step_time` [s] and `named` are fields of `Rollout`.
     """
@@ -122,7 +121,7 @@ def record_passes(
 
 
 def _recorded(env: FuzzyArmEnv, acting: Predictor, memory: Any, *, seed: int, **named: Any) -> tuple[Rollout, Any]:
-    """Return an episode that the policy began with the state `memory`, and the state at its end."""
+    """Return an episode that starts with the policy state `memory`, and the final state."""
     believing, steps = Believing(acting), list[Step]()
     for step in episodes(env, acting, env.reset(seed=seed), memory=memory):
         believing.add(step.memory)
@@ -161,7 +160,7 @@ def run_episode(
         environment: further arguments of `FuzzyArmEnv`.
 
     Raises:
-        ValueError: a name is unknown, or policy and robot do not go together.
+        ValueError: a name is unknown, or policy and robot do not fit together.
         OSError: a file cannot be read.
 
     Examples:

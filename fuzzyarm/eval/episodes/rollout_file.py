@@ -43,7 +43,7 @@ def digest(rollouts: Sequence[Rollout]) -> str:
 def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
     """Write every field of every rollout to ``rollouts.npz``, atomically; return its path.
 
-    The field ``torque`` of the third rollout is the array ``2.torque``; names and flags are arrays, too.
+    The field ``torque`` of the third rollout is the array ``2.torque``; names and flags are also arrays.
     """
     folder = path_of("folder", folder)
     runs = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
@@ -75,12 +75,12 @@ def read_rollouts(path: Path) -> list[Rollout]:
 
 
 def _array(run: Rollout, name: str) -> np.ndarray:
-    """Return a field as an array; an empty tuple of names is an array of texts."""
+    """Return a field as an array; an empty tuple of names is an array of strings."""
     return np.asarray(getattr(run, name), dtype=np.str_ if name == "belief_names" else None)
 
 
 def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
-    """Return a rollout from its fields; ValueError for one whose type or shape is not that stated by `Rollout`."""
+    """Return a rollout from its fields; ValueError if a type or shape differs from that stated by `Rollout`."""
     steps, joints = len(np.atleast_1d(arrays["time"])), arrays["torque"].shape[-1] if arrays["torque"].ndim else 0
     axes = arrays["tip"].shape[-1] if arrays["tip"].shape[-1:] in ((2,), (3,)) else 2
     believed = len(set(arrays["belief_names"].ravel().tolist()))  # columns, whose names differ

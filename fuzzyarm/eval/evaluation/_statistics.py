@@ -1,4 +1,4 @@
-"""Statistics of runs that differ in their seed only: the interquartile mean and its bootstrap interval.
+"""Statistics of runs that differ only in their seed: the interquartile mean and its bootstrap interval.
 
 The interquartile mean of n values is the mean without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest; of five values it is
 the mean of the middle three. A single failed run does not move it, and it uses more of the runs than the median does.

@@ -1,4 +1,4 @@
-"""Figures 2-10 of the paper for any policies, and the overview: all are drawn, then written.
+"""Figures 2-10 of the paper for any policies, and the overview.
 
 Every figure over time is a grid with a row per `_Panel` and a column per case. The path of the tip is seen in the plane
 of the two-joint arm, or face-on where it lies in space. Matplotlib is used without pyplot, which keeps global state.
@@ -69,9 +69,9 @@ _Signal = Callable[[Rollout], np.ndarray]  # (n,) [unit of the panel]
 class _Panel:
     """One quantity over time, a row of a figure.
 
-    Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has limits of its own,
-    and values below its lowest decade are drawn at its edge. The scale of an error leaves out policies far worse than
-    the best, see `_FOCUS`, which would flatten the other curves; they are named in the panel.
+    Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has its own limits, and
+    values below its lowest decade are drawn at the edge. The scale of an error leaves out policies far worse than the
+    best, see `_FOCUS`, which would flatten the other curves; they are named in the panel.
     """
 
     quantity: str
@@ -90,7 +90,7 @@ _MOTOR_CIRCULARITY = _Panel("motors' circularity,\nas if rigid", "mm", lambda r:
 
 @functools.cache
 def _time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
-    """Return the panels of each figure over time, by its name, for an arm of so many joints."""
+    """Return the panels of each figure over time, by its name, for an arm with n joints."""
     each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
     return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, each, strict=True))
@@ -145,7 +145,7 @@ def write_figures(
 
     Args:
         rollouts: episodes of any cases and policies.
-        folder: where to, an existing folder; files of the same names are replaced.
+        folder: an existing folder; files with the same names are replaced.
         progress: called after each figure.
         titles: by name of the case; None: those of the two-joint arm.
 
@@ -252,7 +252,7 @@ def _draw_panel(axes: Axes, panel: _Panel, episodes: Sequence[Rollout], styles: 
 
 
 def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "right") -> None:
-    """Name the policies that are off the scale, if any, a line for each, in an upper corner."""
+    """Name the policies that are off the scale, if any, one per line, in an upper corner."""
     if outside:
         text = "\n".join(["off the scale:", *outside])
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
@@ -333,7 +333,7 @@ def _longest(episodes: Sequence[Rollout]) -> Rollout:
 
 
 def _finished(episodes: Sequence[Rollout]) -> Sequence[Rollout]:
-    """Return the completed episodes, or all if none is."""
+    """Return the completed episodes, or all if there are none."""
     return [episode for episode in episodes if episode.completed] or episodes
 
 

@@ -1,8 +1,8 @@
-"""Policies of several evaluations ranked in one table, the best first.
+"""A ranking of the policies of several evaluations in one table, best first.
 
-The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know which load comes
-next has to allow for it. A mean over the cases would let micrometres without load make up for millimetres under load.
-Over several seeds it is their interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is better. A
+The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know the next load
+must allow for it. A mean over the cases would let micrometres without load make up for millimetres under load. Over
+several seeds it is their interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is better. A
 policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such policies rank last, ordered by the
 number of episodes in which they lost it.
 
@@ -116,7 +116,7 @@ class Leaderboard:
 def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
     """Rank the policies of results files, or of the folders that hold them.
 
-    `tips` holds what is proven of the tip, in words by policy.
+    `tips` holds statements of what is proven about the tip, by policy.
 
     Raises:
         ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
@@ -136,7 +136,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
 
 
 def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, Any]], verb: str) -> None:
-    """Raise ValueError where a file is given twice, or differs from the first in a condition.
+    """Raise ValueError if a file is given twice, or differs from the first in a condition.
 
     The message asks the user to run the command `verb` again.
     """
@@ -194,7 +194,7 @@ def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
 
 
 def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
-    """Return the cells below `other_headings`; `without` stands where there is no number."""
+    """Return the cells below `other_headings`; `without` replaces missing numbers."""
     known = ranked()
     return [
         without if value is None else known[words].text(value)
@@ -234,7 +234,7 @@ def document(board: Leaderboard) -> dict[str, Any]:
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return the cells below `ROW` of each policy once; with its file where one name has several declarations."""
+    """Return the cells below `ROW` once per policy, with its file if one name has several declarations."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [
@@ -244,7 +244,7 @@ def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
 
 
 def _plain(value: Any) -> Any:
-    """Return named tuples as mappings, and numbers that JSON does not have as None."""
+    """Return named tuples as mappings, and numbers that JSON lacks as None."""
     if isinstance(value, Estimate | Declared):
         return _plain(value._asdict())
     if isinstance(value, dict):

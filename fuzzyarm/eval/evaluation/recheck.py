@@ -1,4 +1,4 @@
-"""An evaluation that is run again from its ``results.json``, with every number compared."""
+"""Rerun of an evaluation from its ``results.json``, with a comparison of every number."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def recheck_results(
 ) -> _Comparison:
     """Run an evaluation again and compare; `progress` is called after each episode.
 
-    A results file alone runs no code: `code` names the policies ``package.module:factory`` that the user permits, and
-    the paths of policy files that have moved.
+    A results file alone runs no code: `code` lists the permitted policies ``package.module:factory`` and the new paths
+    of moved policy files.
 
-    ValueError names code that only one of the two names, and a policy that is unknown or not the one that was measured.
+    ValueError names code that only one of the two lists, and a policy that is unknown or differs from the measured one.
     """
     if others := unrelated(f"{results.path} holds results of code", results.config.policies, code):
         raise ValueError(
-            f"--policy {' '.join(others)}: beside --check it only permits code, package.module:factory, that the file "
+            f"--policy {' '.join(others)}: with --check it only permits code, package.module:factory, that the file "
             f"names, or says where a policy's file is now; {results.path} names {', '.join(results.config.policies)}"
         )
     names = found_again(results.config.policies, results.made_with["policy_files"], code, results.path.parent)
@@ -74,13 +74,13 @@ def recheck_results(
 
 
 def _check_files(results: Results, names: Sequence[str]) -> None:
-    """Check that every policy is made from the files that were evaluated."""
+    """Check that the files of every policy are those evaluated."""
     for label, spec in resolve_all(names, run_code=True).items():
         then, now = results.made_with["policy_files"][label], spec.files()
         changed = {file for file in then.keys() | now.keys() if then.get(file) != now.get(file)}
         if changed and now:  # an unknown policy has no files; the error of `evaluate` says more
             raise ValueError(
-                f"policy {spec.name} is not the one that was measured: {listed(changed)} has another content "
+                f"policy {spec.name} is not the measured one: {listed(changed)} has another content "
                 f"(SHA-256) than {results.path} records; put the old file back, name it with --policy PATH, "
                 "or evaluate again"
             )
@@ -99,7 +99,7 @@ def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
 
 
 def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return in words which commit, processor or version differs from when the file was made."""
+    """Return notes on each commit, processor or version that differs from the file's."""
     made = {
         "commit": (then["commit"], now["commit"]),
         "processor": (then["machine"]["cpu"], now["machine"]["cpu"]),

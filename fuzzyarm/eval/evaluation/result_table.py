@@ -1,4 +1,4 @@
-"""The tables of results, remarks on policies at a torque limit, and certificates in a line each."""
+"""The tables of results, remarks on policies at a torque limit, and one-line certificates."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LONG = 0.01  # share of an evaluation's steps with a motor at its limit, above 
 
 
 def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: AnyArm, period: float) -> tuple[str, ...]:
-    """Return a remark on each policy that is at a torque limit for long, with the stability of its loop.
+    """Return a remark on each policy that is often at a torque limit, with the stability of its loop.
 
     The loop is linearised as in `linearisation`: at rest, in postures of the arm's default path, with a control period
     [s].
@@ -84,7 +84,7 @@ def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the numbers of some metrics; for the metrics of a joint, those of all joints of the arm."""
+    """Return the values of some metrics; metrics of a joint are given for all joints."""
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
     names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]
@@ -100,8 +100,8 @@ def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
 def print_results(evaluation: Evaluation, console: Console) -> None:
     """Print a line for each policy: rms and largest tip error in each case, and the bound for nearby arms, if known.
 
-    Over several seeds these are medians. The smallest rms error of a case is marked; below `RESOLUTION` none is, nor
-    that of a policy that lost the path, see `metrics.is_lost`.
+    Over several seeds these are medians. The smallest rms error of a case is marked, except below `RESOLUTION` or if
+    the policy lost the path, see `metrics.is_lost`.
     """
     config, near = evaluation.config, _near_bounds(evaluation)
     groups = {case: _errors(group) for case, group in by_case_and_policy(evaluation.rows).items()}
@@ -137,7 +137,7 @@ def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
 
 
 def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
-    """Return the stored bounds [mm] of policies whose files are those of the proof, for the paper's arm and circle."""
+    """Return the stored bounds [mm] of policies whose files match the proof, for the paper's arm and circle."""
     config, files = evaluation.config, evaluation.made_with["policy_files"]
     if config.arm != ArmParameters() or (config.path, config.points, config.control_period) != ("circle", None, 1e-3):
         return {}
@@ -147,7 +147,7 @@ def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
 
 
 def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[str, dict[str, Any] | None]) -> list[str]:
-    """Return a line for each policy with a certificate, with the command that shows it whole; one names the others."""
+    """Return a line per certified policy, with the command that shows its certificate, and a line with the others."""
     lines = []
     for policy, numbers in bounds.items():
         if numbers is not None:
@@ -176,7 +176,7 @@ def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
 def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
-    """Return headings and, for each policy, the cells below; declarations and certificates in words are by label."""
+    """Return headings and the cells of each policy; declarations and certificates in words are given by label."""
     return [(*ROW, "proven of the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()

@@ -1,6 +1,6 @@
-"""An evaluation read back from its folder, checked: ``results.json``, and with it the rollouts.
+"""Reading and checking of an evaluation's folder: ``results.json`` and the rollouts.
 
-All fields of `EvaluationConfig` but the policies are conditions, which have to be the same where policies are ranked
+All fields of `EvaluationConfig` except the policies are conditions, which must be equal for policies to be ranked
 together.
 """
 
@@ -35,7 +35,7 @@ _SHOWN = 12  # digits of a digest
 def conditions_of(config: EvaluationConfig) -> tuple[dict[str, Any], str]:
     """Return the conditions by name, and in words; two evaluations with the same conditions are comparable.
 
-    The words are control period, seeds and noise, and what else is not the default.
+    The words state control period, seeds and noise, and every other condition that is not the default.
     """
     conditions, usual = _conditions(config), _conditions(EvaluationConfig())
     noise = "encoder noise {:g} rad and {:g} rad/s".format(*config.encoder_noise)
@@ -132,7 +132,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
     if "fuzzyarm" not in read.versions:
         raise KeyError("fuzzyarm")
     if len(rows) != len(labels) * len(config.cases) * config.seeds:
-        raise ValueError(f"{len(rows)} rows are not one for each policy, case and seed")
+        raise ValueError(f"{len(rows)} rows do not cover each policy, case and seed once")
     planned = [(case, name, seed) for case in config.cases for name in labels for seed in range(config.seeds)]
     for row, episode in zip(rows, planned, strict=True):
         _check_row(row, episode)
@@ -153,7 +153,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
 
 
 def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
-    """Check that a row is that of an episode, (case, policy, seed), and that its metrics are numbers."""
+    """Check that a row belongs to an episode (case, policy, seed) and that its metrics are numbers."""
     if missing := [name for name in _NEEDED if name not in row]:
         raise ValueError(f"a row lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)
@@ -187,19 +187,19 @@ def read_evaluation(folder: Path) -> Results:
 
 
 def _joined(results: Results, rollouts: list[Rollout]) -> Results:
-    """Return results and rollouts together; ValueError if they are not of the same episodes."""
+    """Return results and rollouts together; ValueError if they do not belong to the same episodes."""
     if rollout_file.digest(rollouts) != results.rollouts_sha256:
-        raise ValueError(f"{rollout_file.NAME} and {_NAME} are of different evaluations")
+        raise ValueError(f"{rollout_file.NAME} and {_NAME} come from different evaluations")
     period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != [(*one, period) for one in own]:
-        raise ValueError(f"{rollout_file.NAME} holds other episodes than its configuration asks for")
+        raise ValueError(f"{rollout_file.NAME} does not hold the episodes of its configuration")
     for run, row in zip(rollouts, results.rows, strict=True):
         _check_rollout(run, row)
     return dataclasses.replace(results, rollouts=rollouts)
 
 
 def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
-    """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
+    """Raise ValueError unless a row of results matches a rollout, by recomputing its metrics."""
     for key, value in ({"note": ""} | row_of(run)).items():
         stored = row.get(key, "")
         if not same(value, stored, relative=1e-9):
@@ -207,7 +207,7 @@ def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
 
 
 def same(one: Any, other: Any, *, relative: float, absolute: float = 0.0) -> bool:
-    """Return whether two values of rows are the same: numbers within tolerances, all else exactly."""
+    """Return whether two values are the same: numbers within tolerances, others exactly."""
     if isinstance(one, int | float) and isinstance(other, int | float):
         return math.isclose(one, other, rel_tol=relative, abs_tol=absolute)
     return bool(one == other)

@@ -44,7 +44,7 @@ class EvaluationConfig:
     """The configuration of an evaluation.
 
     `robot` may also be given as a name, a file or the parameters of a two-joint arm; the field then holds the robot, or
-    None where it is a two-joint arm, which becomes `parameters`.
+    None for a two-joint arm, which becomes `parameters`.
     """
 
     policies: tuple[str, ...] = COMPARED  # names, files, folders or code, see `fuzzyarm.policies.spec`
@@ -85,9 +85,7 @@ class EvaluationConfig:
         if self.payload is not None:
             real("payload", self.payload, "kg", above=0.0, high=LARGEST)
         if self.seeds > 1 and not any(self.encoder_noise):
-            raise ValueError(
-                f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
-            )
+            raise ValueError(f"seeds = {self.seeds} would repeat the same run: nothing is random without encoder noise")
 
     @property
     def arm(self) -> AnyArm:
@@ -118,17 +116,17 @@ class EvaluationConfig:
         return default_reference(self.arm, self.path) if self.points is None else self.points.reference(self.arm)
 
     def case(self, name: str, duration: float | None) -> Case:
-        """Return a case with the loads for this arm, scaled to a motion of a duration [s]; None: the case's own."""
+        """Return a case with the loads for this arm, for a motion of this duration [s]; None: the case's own."""
         case = case_for(name, self.arm)
         if (self.force, self.payload) == (None, None) and (duration is None or not case.scales):
             return case
         return with_loads(case, force=self.force, payload=self.payload, duration=duration if case.scales else None)
 
     def command(self, *, placeholders: bool = False) -> str | None:
-        """Return the command line of this configuration; None for an arm or control period that no option names.
+        """Return the command line of this configuration; None if no option can express its arm or control period.
 
-        With `placeholders` the word FILE stands for the file of such an arm and for that of a path by points. Policies
-        have the names that results hold, see `policies.recorded`.
+        With `placeholders` the word FILE stands for the file of such an arm or of a path given by points. Policies have
+        their names in results files, see `policies.recorded`.
         """
         default = EvaluationConfig()
         words, files = ["fuzzyarm", "evaluate"], []
@@ -245,7 +243,7 @@ def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:
 
 
 def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
-    """Return a policy for the arm of a configuration; ValueError if it knows no robot but the two-joint arm."""
+    """Return a policy for the arm of a configuration; ValueError if it does not support the robot."""
     arm: Any = config.arm
     try:
         return spec.load(config.control_period, arm)
@@ -253,8 +251,8 @@ def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
         if config.robot is None:
             raise
         raise ValueError(
-            f"policy {label} knows the two-joint arm alone, not {config.robot.name}: leave it out, or evaluate without "
-            "a robot"
+            f"policy {label} supports only the two-joint arm, not {config.robot.name}: leave it out, or evaluate "
+            "without a robot"
         ) from error
 
 

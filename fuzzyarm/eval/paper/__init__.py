@@ -1,1 +1,1 @@
-"""The paper's numbers and figures made again: what it says, what we measure, and whether ours have moved."""
+"""Reproduction of the paper's numbers and figures: its values, ours, and whether ours have drifted."""

@@ -1,6 +1,6 @@
-"""The rollouts and proofs from which the numbers and the figures are made, and every measure of them.
+"""The rollouts and proofs behind the numbers and the figures, and every measure of them.
 
-The controllers are those of section 6.2, and two more that explain why our numbers differ from the paper's.
+The controllers are those of section 6.2 and two that explain why our numbers differ from the paper's.
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
 and the bound (24), with the smallest L that the inequalities allow, 0. "Consistent form" is the form of this project,
 see `proof.theorems`.
@@ -88,11 +88,11 @@ _OTHER_FEEDFORWARDS = {"the consistent form's L": _SWAPPED, "the paper's L_1k": 
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """What the claims are measured from, and their measures: the methods, each of which returns values by label.
+    """The data behind the claims, and their measures: methods that return values by label.
 
     A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
     controller. `smallest_gamma` is the smallest γ, to 1 %, at which the printed form with 4 rules is proven with
-    another L, by whose L it is; P, Q, X, τ and M stay those of its file. With its own L it is proven at γ = 1000.
+    another L, by the source of L; P, Q, X, τ and M are those of its file. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion
@@ -130,7 +130,7 @@ class Evidence:
         return {f"joint {number}": float(value) for number, value in enumerate(np.abs(torque).max(axis=0), start=1)}
 
     def force_range(self) -> dict[str, float]:
-        """Return the smallest and largest f_e [N] over the motion, at a tip speed of 1 m/s, where it is not faded."""
+        """Return the smallest and largest f_e [N] over the motion, at a tip speed of 1 m/s, without fading."""
         force, time = CASES["machining"].disturbance.tip_force or MachiningForce(), self._time
         size = np.linalg.norm(force.at(time, np.tile([1.0, 0.0], (len(time), 1))), axis=-1)
         return {"smallest": float(size.min()), "largest": float(size.max())}
@@ -212,7 +212,7 @@ class Evidence:
         return {key: second[key] / third[key] for key in TITLES}
 
     def rule_difference(self) -> dict[str, float]:
-        """Return the largest difference of the tip's circularity errors with 32 and 4 rules [mm], while both last."""
+        """Return the largest difference of the tip's circularity errors with 32 and 4 rules [mm], over both."""
         result = {}
         for form in FORMS:
             for number, case in enumerate(PAPER_CASES, start=1):
@@ -274,7 +274,7 @@ def _prove_witnesses(progress: Callable[[], None]) -> tuple[dict[str, Controller
 
 
 def _smallest_gamma(controller: Controller) -> float:
-    """Return the smallest γ in [1e2, 1e5] at which a controller is proven, to 1 %; infinite if not even 1e5 is."""
+    """Return the smallest γ in [1e2, 1e5] at which a controller is proven, to 1 %; infinite if there is none."""
 
     def proven(gamma: float) -> bool:
         return certify(dataclasses.replace(controller, gamma=gamma)).proven

@@ -1,8 +1,8 @@
 """Figures 2-10 of the paper, recomputed: the printed form in the left column, the consistent form in the right one.
 
-The text this was written from does not contain the figures themselves. Which quantity is drawn over which follows from
-the captions and from section 6.2. Ranges that the text states are drawn as grey bands. As in the paper, dotted blue
-means 32 rules or joint 1, and solid red means 4 rules or joint 2; all else is the project's style.
+Only the text of the paper was available, not its figures. The axes follow from the captions and section 6.2. Ranges
+that the text states are drawn as grey bands. As in the paper, dotted blue means 32 rules or joint 1, and solid red
+means 4 rules or joint 2; all else is the project's style.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What the paper says beside what we measure, and the drift from the stored numbers: tables, Markdown and JSON.
+"""The paper's numbers compared with ours, and the drift from the stored numbers: tables, Markdown and JSON.
 
-``fuzzyarm paper --renew FILE`` writes such numbers; a maintainer who has changed one on purpose names this folder's
+``fuzzyarm paper --renew FILE`` writes such numbers; after an intended change a maintainer names this folder's
 ``expected.json`` in a checkout.
 """
 
@@ -36,7 +36,7 @@ _Numbers = Mapping[str, Mapping[str, float]]  # values by the key of their claim
 
 @dataclasses.dataclass(frozen=True)
 class _ExpectedFile:
-    """Content of a file of stored numbers: the numbers, and what they were measured with."""
+    """Content of a file of stored numbers: the numbers, and the versions used to measure them."""
 
     schema: str
     measured: dict[str, dict[str, float]]
@@ -52,7 +52,7 @@ def load_expected(path: Path = EXPECTED) -> Mapping[str, Mapping[str, float]]:
 
 
 def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path) -> None:
-    """Write measured numbers, and what they were measured with, to a file that `load_expected` reads."""
+    """Write measured numbers, and the versions used, to a file that `load_expected` reads."""
     write_atomically(path, json_text({"schema": _EXPECTED_SCHEMA, **made_with, "measured": measured}))
 
 
@@ -67,7 +67,7 @@ class _Value:
 
     @property
     def drifted(self) -> bool:
-        """Whether it left the claim's tolerance around the stored value, is new, or no longer exists."""
+        """Whether it exceeds the claim's tolerance around the stored value, is new, or no longer exists."""
         if self.measured is None or self.stored is None:
             return True
         # "not <=" instead of ">", so that NaN counts as drift.
@@ -125,7 +125,7 @@ class _Comparison:
 
 
 def compare(evidence: Evidence, stored: _Numbers | None) -> _Comparison:
-    """Measure every claim and compare it with the stored numbers; None: with what is measured, to be stored."""
+    """Measure every claim and compare it with the stored numbers; None compares with itself, for storing."""
     measured = {claim.key: claim.measured(evidence) for claim in CLAIMS}
     return _Comparison(measured, measured if stored is None else stored, current_provenance())
 
@@ -141,7 +141,7 @@ _LEGEND = (
 
 
 def _outcome(comparison: _Comparison) -> list[str]:
-    """Return how many numbers have drifted, which the exit code is about, and how many of the paper's agree."""
+    """Return how many numbers have drifted, which sets the exit code, and how many agree with the paper."""
     judged = [value for value in comparison.values if value.agrees is not None]
     others = dict.fromkeys(value.claim.key for value in judged if not value.agrees)
     return [
@@ -162,7 +162,7 @@ def print_report(comparison: _Comparison, console: Console) -> None:
 
 
 def _tables(comparison: _Comparison) -> list[Sheet]:
-    """Return a table for each group of claims; but for the statements, all claims of a group have the same labels."""
+    """Return a table for each group of claims; except for the statements, claims of a group share their labels."""
     sheets = []
     for group, title in _GROUPS.items():
         found = [(claim, comparison.measured[claim.key]) for claim in CLAIMS if claim.group == group]

@@ -1,4 +1,4 @@
-"""Estimates of policies beside the true values: a chart of the force and a table for each case and policy."""
+"""Estimates of policies compared with true values: a force chart and a table for each case and policy."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3
 
 
 def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return the section of the page on beliefs: a figure for each case and policy that has any; else an empty text.
+    """Return the section of the page on beliefs: a figure for each case and policy that has any, else an empty string.
 
-    A figure is of the first episode; below it stand the notes on all episodes of this policy in this case. `cases` hold
-    the loads that were carried.
+    A figure shows the first episode; notes on all episodes of this policy in this case follow. `cases` hold the true
+    loads.
     """
     groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
@@ -57,7 +57,7 @@ def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
 
 
 def _chart(run: Rollout) -> str:
-    """Return the SVG of the forces of an episode; an empty text where the policy estimates no force."""
+    """Return the SVG of the forces of an episode; an empty string if the policy estimates no force."""
     believed = run.believed
     forces = [name for name in believed if re.fullmatch("force_[xyz]", name)]
     size, deviation = (
@@ -91,7 +91,7 @@ def _chart(run: Rollout) -> str:
 
 
 def _table(run: Rollout, loads: Disturbance) -> str:
-    """Return the table of the last estimates and of the true values under these loads; forces are in the chart."""
+    """Return the table of the last estimates and the true values under these loads, without forces."""
     believed, joints = run.believed, run.torque.shape[1]
     parts: dict[str, list[str]] = {}
     for name in believed:

@@ -1,4 +1,4 @@
-"""Data of the replay: the signals that the page's script draws, thinned so that they fit into the page."""
+"""Data of the replay: the signals that the page's script draws, thinned to limit its size."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
 
 
 def _range(runs: Sequence[Rollout]) -> np.ndarray:
-    """Return the smallest and the largest tip error (n, 2) [m] of the runs not ended, at each sample of the first."""
+    """Return the smallest and largest tip error (n, 2) [m] of the running episodes, at each sample of the first."""
     errors = np.full((len(runs), len(runs[0].time)), np.nan)
     for row, run in zip(errors, runs, strict=True):
         shared = min(len(row), len(run.time))

@@ -68,8 +68,8 @@ def _error_chart(
 ) -> str:
     """Return the SVG of a case: for each policy a disc at the rms, a stroke at the maximum, and the maximum in digits.
 
-    `errors` are rms and maximum [mm] by policy, `marks` "★", "×" or none; the axis reaches over `decades`, from a power
-    of ten to another.
+    `errors` are rms and maximum [mm] by policy, `marks` are "★", "×" or none, and the axis spans `decades`, two powers
+    of ten.
     """
     low, high = decades
 

@@ -1,6 +1,6 @@
-"""What is proven of the policies: certificates of the rigid arm in words, and tubes of the tip.
+"""Proofs about the policies: certificates of the rigid arm in words, and tubes of the tip.
 
-The section of tubes draws around the path what is proven of the tip of the elastic, sampled arm.
+The section of tubes draws the proven tube of the elastic, sampled arm's tip around the path.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["checked_bounds", "statements", "tube_section"]
 
 
 def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapping[str, Any] | None]) -> str:
-    """Return a line for each certificate, which unfolds to its words, and the names of the policies without one.
+    """Return a line for each certificate, which expands to its text, and the names of the policies without one.
 
     `bounds` are the numbers of certificates; None where the claim is void along the reference.
     """

@@ -40,7 +40,7 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
     """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes of files of tip bounds.
 
     Raises:
-        ValueError: the folder holds no evaluation, or a damaged or mixed one, or a bound is not proven or not of an
+        ValueError: the folder holds no evaluation, or a damaged or mixed one, or a bound is not proven or belongs to no
             episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
@@ -75,7 +75,7 @@ def _render_page(stored: Evaluation, tubes: str = "") -> str:
 
 
 def _headline(ranked: Sequence[Standing], config: EvaluationConfig) -> str:
-    """Return who errs least in the worst case and who lost the path, then the rule; `ranked` holds the best first."""
+    """Return the policy with the smallest worst-case error, the ones that lost the path, and the rule; best first."""
     best = [one.policy for one in ranked if one.score and one.order == ranked[0].order]
     lost = [one.policy for one in ranked if one.score is None]
     if not best:

@@ -3,12 +3,12 @@
 At a posture of the path the reference is held and dry friction removed; viscous friction stays. The equilibrium there
 is found by Newton's method, and the equation of the loop around it is below.
 
-The plant may carry a payload that the policy does not know of. A policy with a model of dry friction, such as an
+The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an
 observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it, because the arm has no dry
 friction here either.
 
-The result is local, at frozen postures and without dry friction. It serves to compare policies and proves nothing about
-the moving arm. Proofs are in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
+The result is local, at frozen postures and without dry friction. It compares policies and proves nothing about the
+moving arm. Proofs are in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -136,7 +136,7 @@ _NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of a
 
 
 class Linearisable(Predictor, Protocol):
-    """What can be linearised: a `Policy`, or anything with these two methods."""
+    """An object that can be linearised: a `Policy`, or one with these two methods."""
 
     def without_dry_friction(self) -> Predictor:
         """Return the policy for an arm without dry friction."""
@@ -170,7 +170,7 @@ def _linearise(
     if loop is None:
         raise ValueError(
             f"no equilibrium within {_NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
-            "policy not hold still there?"
+            "policy not come to rest there?"
         )
     # The torque must stay below its limits within the steps of the differences as well: a clipped torque has no slope.
     slope = np.abs(loop.law[arm.torque, arm.plant]).max(axis=1)
@@ -181,11 +181,11 @@ def _linearise(
 
 
 def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> LocalLoop | None:
-    """Return the loop at the equilibrium that Newton's method finds from a point; None if it finds none."""
+    """Return the loop at the equilibrium found by Newton's method from a point; None if there is none."""
     for _ in range(_NEWTON_STEPS):
         loop, kept = arm.linearise(point)
         if not np.isfinite(loop.law).all():
-            raise ValueError(f"near posture {posture} rad the policy gives up: its torque or memory is not finite")
+            raise ValueError(f"near posture {posture} rad the policy fails: its torque or memory is not finite")
         matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
         if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
             raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
@@ -197,7 +197,7 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step, shortened, as a network may need, until the residual falls."""
+    """Return the point after a Newton step, shortened until the residual falls, as networks may require."""
 
     def unrest(at: np.ndarray) -> float:
         return float(np.linalg.norm((arm.advance(at) - at)[kept]))
@@ -245,7 +245,7 @@ class _FrozenArm:
         return self.settled(point, _SETTLING) if clipped else point  # a clipped torque has no slope
 
     def settled(self, point: np.ndarray, periods: int) -> np.ndarray:
-        """Return the point that the loop reaches after so many control periods."""
+        """Return the point that the loop reaches after a number of control periods."""
         for _ in range(periods):
             point = self.advance(point)
         return point

@@ -40,7 +40,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """How the loop differs from the one that the policy was designed for; the policy does not know the difference."""
+    """How the loop differs from the policy's design model; the policy is not told the difference."""
 
     name: str  # heading in the table and key in the document
     loop_gain: float = 1.0  # factor on the torque's deviation from equilibrium
@@ -81,9 +81,9 @@ class MarginsConfig:
     """The policies whose margins are measured, and the arm.
 
     Attributes:
-        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of
-            `fuzzyarm tune`, otherwise all that have a name, for a robot `ANY_ROBOT`.
-        robot: of plant and policies alike: what `chosen_arm` takes; None: Table 1.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of `fuzzyarm
+            tune`, otherwise all named ones, for a robot `ANY_ROBOT`.
+        robot: for both plant and policies, as for `chosen_arm`; None: Table 1.
     """
 
     policies: tuple[str, ...] | None = None

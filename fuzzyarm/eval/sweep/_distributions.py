@@ -1,4 +1,4 @@
-"""The quantities in which plants differ, the distributions they are drawn from, and the columns of their numbers."""
+"""The quantities in which plants differ, their distributions, and the columns of their numbers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HEAVIEST = 5.0  # kg, the payload of the paper's case
 
 
 class _Quantity(NamedTuple):
-    """A quantity in which plants differ, with the words for it in figures."""
+    """A quantity in which plants differ, with its name in figures."""
 
     label: str
     unit: str = "× nominal"
@@ -51,7 +51,7 @@ QUANTITIES = {
 def columns_of(joints: int) -> dict[str, tuple[str, int | None]]:
     """Return the numbers of a plant with this many joints: ``stiffness_1``, ``stiffness_2``, ``payload``, ...
 
-    By name, each is its quantity and its joint, counted from 0; the joint is None for a quantity of the whole arm.
+    Each name maps to its quantity and joint, counted from 0; the joint is None for a quantity of the whole arm.
     """
     columns = dict[str, tuple[str, int | None]]()
     for name, quantity in QUANTITIES.items():

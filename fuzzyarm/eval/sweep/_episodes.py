@@ -1,4 +1,4 @@
-"""The episodes of plants under policies: their metrics as arrays, or one episode again with all its signals."""
+"""The episodes of plants under policies: their metrics as arrays, or a replay of one with all signals."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SweepResults:
         return cls.of({name: np.concatenate([one[name] for one in arrays], axis=-1) for name in arrays[0]})
 
     def episodes(self, policy: int, case: int) -> SweepResults:
-        """Return the results, arrays (n,), of one policy in one case, each given by its place in the sweep."""
+        """Return the results, arrays (n,), of one policy in one case, given by their indices in the sweep."""
         own = {name: array if name == "plants" else array[policy, case] for name, array in self.arrays.items()}
         return SweepResults.of(own)
 
@@ -65,7 +65,7 @@ class SweepResults:
 
 
 def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-    """Return what the policy reads: q + f (y - q) for the environment's reading y of q and noise factors f (lanes,)."""
+    """Return the policy's reading: q + f (y - q) for the environment's reading y of q and noise factors f (lanes,)."""
     true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
     measured, result = slice(true.shape[1]), observation.copy()
     result[:, measured] = true + factor[:, np.newaxis] * (observation[:, measured] - true)
@@ -75,7 +75,7 @@ def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) ->
 class Delay:
     """The torque that reaches the motors at control step k: u_max(k-d, 0), with torques u_k and delays d (lanes,).
 
-    Before the first step, when the arm is at rest, its torque counts as having been commanded all the time.
+    Before the first step, while the arm is at rest, the first torque is assumed to have been commanded.
     """
 
     def __init__(self, delay: np.ndarray, joints: int) -> None:
@@ -120,7 +120,7 @@ def errors_step_by_step(plants: Plants, policy: Predictor) -> TipErrors:
 
 
 def errors_in_one_kernel(plants: Plants, policy: Predictor) -> TipErrors | None:
-    """Return the same from one kernel of law and plant; None if the policy has no law, or a torque is not finite."""
+    """Return the tip errors, computed by one kernel of law and plant; None without a law or finite torques."""
     if not isinstance(policy, Policy) or (law := law_of(policy)) is None:
         return None
     (observation, info), channel = plants.begin(), plants.channel
@@ -129,7 +129,7 @@ def errors_in_one_kernel(plants: Plants, policy: Predictor) -> TipErrors | None:
 
 
 def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:
-    """Run plant `member` of a sweep again, with all signals; its metrics are those of the sweep, bit for bit."""
+    """Run plant `member` of a sweep again, with all signals; its metrics equal the sweep's, bit for bit."""
     if not 0 <= member < config.total:
         raise ValueError(f"plant {member} is not in the sweep; allowed: 0 to {config.total - 1}")
     if policy not in policies or case not in config.cases:

@@ -1,8 +1,8 @@
 """The plants of a sweep: their numbers, and the environment in which some of them run.
 
 Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
-stream for seed + i; noise and delay come from another stream of the same seed. So a plant is the same whatever chunk
-it is in, whichever worker runs it, under every policy and in every case: comparisons are paired.
+stream for seed + i; noise and delay come from another stream of the same seed. So a plant does not depend on its chunk,
+worker, policy or case: comparisons are paired.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Plants:
         self.channel = Channel(noise if noise.any() else None, delay.astype(np.int64))
 
     def begin(self) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode in every lane, where the nominal arm rests; return observations (lanes, 5 n) and info."""
+        """Begin an episode in every lane, with the nominal arm at rest; return observations (lanes, 5 n) and info."""
         cases = self.envs.num_envs // len(self.seeds)
         return self.envs.reset(seed=self.seeds * cases, options={"initial_state": self._start})
 
@@ -142,7 +142,7 @@ def _varied(arm: AnyArm, factors: Mapping[str, float]) -> AnyArm:
 
 
 def _disturbance(arm: AnyArm, case: str, payload: float, force: float, noisy: bool) -> Disturbance:
-    """Return the disturbance of a case with `payload` [kg] more, and with `force` times the tip force."""
+    """Return the disturbance of a case with `payload` [kg] added and the tip force times `force`."""
     own = case_for(case, arm).disturbance
     tip_force = own.tip_force if own.tip_force is None or force == 1.0 else _ScaledForce(own.tip_force, force)
     # A payload of the case stays in its place, and what is added joins it there.

@@ -56,18 +56,18 @@ class SweepConfig:
     """The configuration of a sweep: what is run, and how its results are shown.
 
     Attributes:
-        policies: policies to run: names, controller files (.json), folders of learned policies, or code of your own as
+        policies: policies to run: names, controller files (.json), folders of learned policies, or your own code as
             package.module:factory, which must act on batches.
         cases: named cases to run each plant in.
         parameters: the two-joint arm that the plants are drawn around, and that the policies are loaded for.
-        robot: another robot in its place.
+        robot: another robot, instead of the two-joint arm.
         plants: number of plants; with a grid, in each of its cells.
         seed: plant i of the sweep is drawn from seed + i. Sweeps whose seeds are closer than their number of plants
             share plants.
-        distribution: what the plants are drawn from: nominal, plants, loads (plants with payload and tip force) or all
+        distribution: the distribution of the plants: nominal, plants, loads (plants with payload and tip force) or all
             (loads with encoder noise and delay).
         ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
-        grid: set a quantity to NUMBER values from LOW to HIGH, in all joints alike; given twice, for the two axes of a
+        grid: set a quantity to NUMBER values from LOW to HIGH, equal in all joints; give it twice for a two-dimensional
             grid. The other quantities are drawn.
         chunk: plants in a chunk, which one worker runs and one file holds.
         bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
@@ -111,12 +111,12 @@ class SweepConfig:
         self._check_map()
         if self.plants > 1 and not self.drawn().varying(self.joints):
             where, what = (" in each cell", "nothing else") if self.grid else ("", "nothing")
-            raise ValueError(f"plants = {self.plants}{where} would repeat one and the same run: {what} varies")
+            raise ValueError(f"plants = {self.plants}{where} would repeat the same run: {what} varies")
 
     def _check_grid(self) -> None:
         names = [axis.quantity for axis in self.grid]
         if len(names) not in (0, 2) or len(set(names)) != len(names):
-            raise ValueError(f"a grid is over two different quantities, not over {', '.join(names)}")
+            raise ValueError(f"a grid needs two different quantities, not {', '.join(names)}")
         for axis in self.grid:
             name, low, high, number = axis
             whole(f"number of values of the grid over {name}", number, low=2)
@@ -124,7 +124,7 @@ class SweepConfig:
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
             if name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
-                raise ValueError(f"grid over delay: {number} values are no whole control periods")
+                raise ValueError(f"grid over delay: {number} values are not whole control periods")
 
     def _check_map(self) -> None:
         texts("map", self.map)
@@ -136,7 +136,7 @@ class SweepConfig:
             choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
 
     def drawn(self) -> Distribution:
-        """Return what is drawn: the distribution with `ranges`; what the grid sets keeps its nominal value."""
+        """Return the distribution with `ranges`; quantities set by the grid keep their nominal values."""
         changed: dict[str, Any] = {quantity: (low, high) for quantity, low, high in self.ranges}
         changed |= {axis.quantity: getattr(Distribution, axis.quantity) for axis in self.grid}
         return dataclasses.replace(DISTRIBUTIONS[self.distribution].scaled_to(self.arm), **changed)
@@ -177,7 +177,7 @@ class SweepConfig:
 
     @property
     def plane(self) -> tuple[str, ...]:
-        """The two columns of the heat maps; fewer if fewer vary. On a grid joint 1 stands for all joints."""
+        """The two columns of the heat maps; fewer if fewer vary. On a grid joint 1 represents all joints."""
         if self.grid:
             names = [axis.quantity for axis in self.grid]
             return tuple(f"{name}_1" if QUANTITIES[name].arm_fields else name for name in names)
@@ -185,7 +185,7 @@ class SweepConfig:
         return self.map or (usual if set(usual) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON holds them; of the path of a policy see `policies.recorded`."""
+        """Return all fields for JSON; paths of policies as in `policies.recorded`."""
         policies = tuple(map(recorded, self.policies))
         plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self) | {"policies": policies}))
         return plain
@@ -194,7 +194,7 @@ class SweepConfig:
     def of(cls, given: dict[str, Any]) -> SweepConfig:
         """Return the configuration with some fields given, and with defaults that fit them.
 
-        With a grid nothing else varies and each cell has one plant; a robot has the policies `ANY_ROBOT`.
+        With a grid nothing else varies and each cell has one plant; for a robot the policies are `ANY_ROBOT`.
         """
         defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
         if given.get("robot") is not None:

@@ -1,4 +1,4 @@
-"""Policies ranked over random plants, from the files of sweeps, the best first.
+"""A ranking of policies over random plants, from the files of sweeps, best first.
 
 The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: the
 error that a user must allow for without knowing the plant or the next load. Its interval reaches from the largest of
@@ -108,14 +108,14 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
 
 
 def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], dict[str, Any], str]:
-    """Return the standings of a file, the conditions that files ranked together must share, and these in words."""
+    """Return a file's standings and the conditions, as data and in words, that jointly ranked files must share."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:
         find_case(case)
     policies = list(dict.fromkeys(str(row["policy"]) for row in rows))
     if not rows or [(row["policy"], row["case"]) for row in rows] != [(p, c) for p in policies for c in cases]:
-        raise ValueError("its rows are not one for each policy in each case")
+        raise ValueError("its rows do not cover each policy and case once")
     declared = read_declarations(document.get("declared"), config["policies"])
     standings = []
     for policy in policies:
@@ -141,7 +141,7 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], d
 
 
 def _ends(quantile: dict[str, Any]) -> list[float]:
-    """Return value, low and high end of a file's quantile [mm]; inf for what is larger than any bound, or missing."""
+    """Return a file's quantile [mm] and the ends of its interval; inf if larger than any bound, or missing."""
     names = ("value", "low", "high")
     return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
 

@@ -1,9 +1,9 @@
-"""A sweep in its folder: begun, run chunk by chunk, resumed after an interruption, summarised and replayed.
+"""A sweep in its folder: how it is started, run chunk by chunk, resumed, summarised and replayed.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Resuming a sweep runs
-the chunks that are missing. ``run.json`` holds the configuration and the rest of the sweep's identity, on which its
-numbers depend: versions and code, added cases, and the files of the policies. Every file carries the digest of the
-identity, and results of different identities are never mixed in one folder.
+the chunks that are missing. ``run.json`` holds the configuration and everything else on which the numbers depend:
+versions and code, added cases, and the files of the policies. Every file carries the digest of the identity, and
+results of different identities are never mixed in one folder.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Sweep:
     Attributes:
         folder: the folder of the sweep.
         config: its configuration.
-        specs: by label, what its policies are made from; the user's code among them may run.
+        specs: by label, the specs of its policies; user code among them may run.
         policies: by label, the policies loaded for its robot.
         digest: the digest of its identity.
     """
@@ -79,7 +79,7 @@ class Sweep:
         """
         folder, config = path_of("folder", folder), instance("config", config, SweepConfig)
         if (folder / _RUN).exists():
-            raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
+            raise ValueError(f"{folder} already holds a sweep: continue it with --resume, or choose another --out")
         if any(folder.glob("chunks/[!.]*")):
             raise ValueError(
                 f"{folder / 'chunks'} holds results of a sweep whose {_RUN} is missing: remove chunks, or choose "
@@ -112,10 +112,10 @@ class Sweep:
         """
         path, given = path_of("folder", folder) / _RUN, dict(given or {})
         if not path.is_file():
-            raise ValueError(f"{folder} holds no sweep to go on with: {_RUN} is missing; begin one without --resume")
-        config, then, digest = read_checked(path, SCHEMA, "begin again in another folder", _begun)
+            raise ValueError(f"{folder} holds no sweep to resume: {_RUN} is missing; begin one without --resume")
+        config, then, digest = read_checked(path, SCHEMA, "start again in another folder", _begun)
         if digest != _digest_of(then):
-            raise ValueError(f"{path} was changed after the sweep began: begin again in another folder")
+            raise ValueError(f"{path} was changed after the sweep began: start again in another folder")
         named = given.pop("policies", ())
         others = unrelated(f"{path} names code", config.policies, named)
         if others and [resolve(name).label for name in named] != config.labels:
@@ -130,8 +130,8 @@ class Sweep:
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
         if changed := _difference(then, _identity_of(config, specs)):
             raise ValueError(
-                f"{folder} was begun with other versions, code, cases or policy files than there are now ({changed}), "
-                "and results are not mixed: begin again in another folder"
+                f"{folder} was begun with other versions, code, cases or policy files than now ({changed}), "
+                "and results must not be mixed: start again in another folder"
             )
         return cls._loaded(Path(folder), config, specs, digest)
 
@@ -216,7 +216,7 @@ class Sweep:
         except ValueError as error:  # it names the file
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
-            raise ValueError(f"{path} is of another sweep than {self.folder / _RUN}: {again}")
+            raise ValueError(f"{path} belongs to another sweep than {self.folder / _RUN}: {again}")
         return SweepResults.of(arrays)
 
 
@@ -290,7 +290,7 @@ def _described(case: Case, axes: int) -> str:
 
 
 def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    """Return in words in which entries two mappings differ; the text is empty where they are equal."""
+    """Return text on how two mappings differ; it is empty if they are equal."""
     found = []
     for key in dict.fromkeys([*one, *other]):
         then, now = one.get(key), other.get(key)

@@ -133,7 +133,7 @@ def _quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def print_sweep(document: dict[str, Any], console: Console) -> None:
-    """Print the rows of a summary, and what they mean."""
+    """Print the rows of a summary with an explanation."""
     config, terminal = document["config"], console.is_terminal
     # On a terminal each word of a heading has a line of its own; a number stays beside its unit.
     space = "\N{NO-BREAK SPACE}" if terminal else " "

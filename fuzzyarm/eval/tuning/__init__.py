@@ -1,1 +1,1 @@
-"""The search for the numbers of model-based policies, by the rules that chose the shipped ones."""
+"""The search for the parameters of model-based policies, by the rules used for the shipped ones."""

@@ -5,16 +5,16 @@ them, summed over the groups, plus that of the nominal arm without load and with
 episode ends early, or that errs more, counts as `_CAP`. Arms follow random circles, lemniscates and lines that take at
 most 95 % of the torque limits under the heaviest load, with a payload of up to the arm's (Table 1: 5 kg), half of them
 under a force in a random direction from a random instant on, half under one against the direction of travel, both up to
-the arm's (250 N). The arms of the first group are the known one. Those of the second have masses and motor
-inertias within 10 % of it, stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. Those
-of the third have that, encoder noise of up to twice the README's, and commands of up to two periods late. The default
-reference is that of the last error alone, and the cases with loads play no part.
+the arm's (250 N). The first group has the known arm. The second has masses and motor
+inertias within 10 % of it, stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. The
+third adds encoder noise of up to twice the README's, and commands delayed by up to two periods. The default reference
+is used only for the last error, and the cases with loads are not used.
 
-The weights of `_BOX` are searched for. The others say what is known beforehand (how far an arm may be from what is
-known) or how sure a test is (the dead zone: four standard deviations), and stay.
+The weights of `_BOX` are searched for. The others are fixed: they state prior knowledge (how far an arm may differ from
+the known one) or the confidence of a test (the dead zone: four standard deviations).
 
-The policy bears other loops only because it adapts to them: with its adaptation frozen it is unstable where the loop
-gain is a few per cent off, and its search has no constraint of margins.
+The policy tolerates other loops only because it adapts: with frozen adaptation it is unstable if the loop gain is a few
+per cent off, so its search has no margin constraint.
 
 The shipped weights come from the points of `ADAPTIVE_SEARCH` and two runs of Nelder-Mead with 24 evaluations, one from
 the best point and one from the first guess.
@@ -100,7 +100,7 @@ def _policy(arm: ArmParameters, bandwidth: float | None, weights: AdaptiveWeight
 def _objective_for(arm: ArmParameters, bandwidth: float | None) -> Costs:
     """Return the objective [mm] of an arm, a function of logarithms (9,) in `_BOX`; a process builds its arms once.
 
-    It is `_UNFIT` where there is no regulator for the weights. The bandwidth [rad/s] is that of `_policy`.
+    It is `_UNFIT` if there is no regulator for the weights. The bandwidth [rad/s] is that of `_policy`.
     """
     groups = [_random_arms(group, arm) for group in _GROUPS]
 

@@ -1,7 +1,7 @@
-"""The finding of one step of a tuning, kept in the folder so that a run can be resumed, and the loads of an arm.
+"""The result of one tuning step, kept in the folder so that a run can be resumed, and the loads of an arm.
 
-The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; the
-cases with loads themselves play no part in any search.
+The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; no
+search uses the cases with loads themselves.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def halving_radius(arm: AnyArm) -> float:
 
 
 def heaviest(arm: AnyArm) -> float:
-    """Return the payload [kg] that the arm has to bear: the one of its case ``payload``, 5 kg for Table 1."""
+    """Return the payload [kg] of the arm's case ``payload``, 5 kg for Table 1."""
     return case_for("payload", arm).disturbance.payload.mass
 
 
@@ -102,7 +102,7 @@ def read_finding(folder: Path, policy: str, arm_sha256: str) -> Finding | None:
     try:
         found = record(check_schema(read_json(path, largest=_LARGEST), SCHEMA), Finding)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}; remove the file, and --resume takes this step again") from None
+        raise ValueError(f"{path}: {error}; remove the file, and --resume repeats this step") from None
     if (found.arm_sha256, found.policy) != (arm_sha256, policy):
-        raise ValueError(f"{path} is of another arm or policy; choose another folder")
+        raise ValueError(f"{path} belongs to another arm or policy; choose another folder")
     return found

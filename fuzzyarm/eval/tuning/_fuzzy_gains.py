@@ -1,16 +1,16 @@
 """How large the gains of a fuzzy controller should be: a grid over γ and the bound of the fastest pole.
 
 Rule, by the nominal case and margins only: the smallest rms error of the motors in the nominal case among the designs
-of the grid whose loop on the sampled elastic arm bears four times its gain (12 dB), 1.5 times with one extra sample of
-delay, and in which small deviations at least halve within the movement under every combination of: one extra sample of
-delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or the
-arm's payload at the tip. The policy knows the nominal arm throughout. Designs whose motor error is within `WORTH` of
-the smallest are equally good, and of those the one with the smallest float part of the tip's proven bound is taken,
+of the grid whose loop on the sampled elastic arm tolerates four times its gain (12 dB), 1.5 times with one extra sample
+of delay, and in which small deviations at least halve within the movement under every combination of: one extra sample
+of delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or
+the arm's payload at the tip. The policy knows the nominal arm throughout. Designs whose motor error is within `WORTH`
+of the smallest are equally good, and of those the one with the smallest float part of the tip's proven bound is taken,
 see `largest_deviation`.
 
 The decay rate is the first of `_ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
 inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
-given up where no design with the largest γ, the smallest gains of the grid, bears what is asked.
+given up where no design with the largest γ, the smallest gains of the grid, meets the requirements.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class _Made(NamedTuple):
 
 
 def find_gains(context: Context) -> Found:
-    """Return α, γ and the bound of the fastest pole that the rule picks; write the controller file."""
+    """Return α, γ and the fastest-pole bound selected by the rule; write the controller file."""
     arm: ArmParameters = context.arm
     tried, notes = 0, list[str]()
     for alpha in _ALPHAS:
@@ -110,7 +110,7 @@ def _inertia(arm: ArmParameters) -> float:
 
 
 def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
-    """Design for one point of the grid and measure what the rule reads; None without a design."""
+    """Design for one point of the grid and measure the quantities in the rule; None without a design."""
     try:
         controller = design(wanted, arm, explain=False).controller
     except DesignFailed:

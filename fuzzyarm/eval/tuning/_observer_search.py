@@ -4,7 +4,7 @@ Objective: the mean over random arms of the rms tip error, plus the largest tip 
 noise, both in mm. The arms follow the default reference with masses, motor inertias and stiffness within 10 % and
 damping and friction within 50 % of what the policy knows, an unknown payload of up to the arm's (Table 1: 5 kg), an
 unknown tip force of up to the arm's (200 N) in any direction from some instant of the first half on, and encoder noise.
-The cases with loads play no part.
+The cases with loads are not used.
 
 Constraint: on the sampled elastic arm the spectral radius is at most that with which a deviation shrinks to a hundredth
 in the movement, 0.997 for the 1500 periods of the paper's, in each of these conditions: loop gain as it is, x 0.67 and

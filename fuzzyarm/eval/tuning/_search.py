@@ -50,7 +50,7 @@ class Context:
     earlier: Mapping[str, Finding]  # findings of the steps before, by policy
 
     def run(self, work: Callable[[Any], Any], candidates: Sequence[Any], steps: int = 1) -> list[Any]:
-        """Return what `work` makes of each candidate, in their order; each counts as so many `steps` of the bar."""
+        """Return the result of `work` for each candidate, in order; each advances the bar by `steps`."""
         results = {}
         for number, result in self.engine.run(lambda number: work(candidates[number]), range(len(candidates))):
             results[number] = result
@@ -82,15 +82,15 @@ def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]
 def motor_error(policy: Policy, arm: ArmParameters) -> float:
     """Return the rms motor-side joint error in the nominal case [mrad]; inf if the episode ends early.
 
-    The motor side counts because these policies measure only the motors. The error includes the start, where the motors
-    stand at their static deflection.
+    The motor side is used because these policies measure only the motors. The error includes the start, with the motors
+    at their static deflection.
     """
     run = record_rollout(FuzzyArmEnv("nominal", parameters=arm), policy, policy_name="", case="nominal", seed=0)
     return metrics_of(run)["joint_error_rms_mrad"] if run.completed else math.inf
 
 
 def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
-    """Return weights (n,), in their own units, rounded to so many digits."""
+    """Return weights (n,), in their own units, rounded to `digits` digits."""
     return [float(f"{value:.{digits}g}") for value in weights]
 
 
@@ -142,7 +142,7 @@ class WeightSearch:
         return Found(dataclasses.asdict(weights), measured, radii, self.total, notes)
 
     def best(self, context: Context, objective: Callable[[], Costs]) -> tuple[_Point, _Point]:
-        """Return the best point and the first guess; they are the same where no point is better by `WORTH`.
+        """Return the best point and the first guess; they are equal if no point is better by `WORTH`.
 
         `objective` builds the objective; it is called for each candidate in the worker that assesses it, and should be
         cached there.

@@ -1,8 +1,9 @@
 """The steps of tuning an arm: one for each policy, each by its rule in ``rules.json``.
 
-The policies of a robot of more joints begin at what random postures allow (`design_scheduled`, `bandwidth_for`,
-`weights_for`) and are slowed down until they are stable in every condition of `fuzzyarm margins` along the default
-reference. A softer joint destabilises the elastic observer's estimate of the load, so that is what is slowed down.
+The policies of a robot with more joints begin at the limits found at random postures (`design_scheduled`,
+`bandwidth_for`, `weights_for`) and are slowed down until they are stable in every condition of `fuzzyarm margins` along
+the default reference. A softer joint destabilises the elastic observer's estimate of the load, so that estimate is
+slowed down.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _RULES: dict[str, dict[str, str]] = json.loads(resources.files(__package__).join
 
 
 class Step(NamedTuple):
-    """A step finds the numbers of a policy by the rule for its arm; `total` candidates are known before."""
+    """A step that finds a policy's parameters by the rule for its arm; `total` candidates are known beforehand."""
 
     policy: str
     total: int
@@ -124,7 +125,7 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 
 def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return candidates, each given with its policy, and their radii up to the first that is stable throughout."""
+    """Return candidates with their radii, up to the first that is stable in all conditions."""
     tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
         tried.append((made_from, measured_radii(policy, context.arm)))

@@ -3,7 +3,7 @@
     robot.toml        the arm
     steps/NAME.json   what each step found, see `Finding`
     fuzzy-4.json      the controller file
-    laws.json         what the other laws need, see `policies.tuned`: with it the folder can be used
+    laws.json parameters of the other laws, see `policies.tuned`: with it the folder can be used
     margins.json      what `fuzzyarm margins --robot FOLDER --json` prints
     README.md         the decisions, for a person
 

@@ -99,9 +99,9 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
 
 
 def _bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]) -> str:
-    """Return a sentence on the proven bounds of a policy's tip, with the command that proves them; "" without a bound.
+    """Return a sentence on the proven bounds of a policy's tip, with the proof command; "" without a bound.
 
-    `policy` is the name in the folder of the tuning; `measured` is that of its finding.
+    `policy` is the name in the folder of the tuning; `measured` is in its finding.
     """
     found = {name: measured.get(key) for name, (key, _) in PROVEN_SETS.items()}
     known = {name: bound for name, bound in found.items() if bound is not None}

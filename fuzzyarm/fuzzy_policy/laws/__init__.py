@@ -1,1 +1,1 @@
-"""Fixed control laws as policies; those that are trained are in `fuzzyarm.fuzzy_policy.laws.learned`."""
+"""Fixed control laws as policies; learned ones are in `fuzzyarm.fuzzy_policy.laws.learned`."""

@@ -2,10 +2,10 @@
 
     u_j(k) = u_ff(k) + v_j(k) + w_j(k),     w_(j+1) = Q (w_j + v_j),     w_1 = 0.
 
-v_j is what the law adds to its feedforward in pass j, w_j what has been learned, Q a Butterworth filter of no phase.
+v_j is what the law adds to its feedforward in pass j, w_j what has been learned, Q a zero-phase Butterworth filter.
 With T the closed loop from a torque at the motors to minus the law's answer, w_(j+1) = Q ((1 - T) w_j + T d) for a
-repeating torque d, which converges where |Q (1 - T)| < 1. It measures the motors alone, as every policy: it brings the
-motors to where they belong without load, and leaves the bending that a load adds.
+repeating torque d, which converges where |Q (1 - T)| < 1. Like every policy it measures only the motors: it moves them
+to their target without load, and leaves the bending caused by a load.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class TorqueLearning(PassLearner):
         self.policy = policy
 
     def begin_pass(self, state: LearnedTorque) -> LearnedTorque:
-        """Return the state with which the next pass begins, see `PassLearner`; it keeps the learned torques alone."""
+        """Return the state with which the next pass begins, see `PassLearner`; it keeps only the learned torques."""
         if not self._checked(state).added:
             raise ValueError(NOTHING_LEARNED)
         learned = low_passed(np.array(state.added), _CUT_OFF, self.policy.control_period)
@@ -67,7 +67,7 @@ class TorqueLearning(PassLearner):
 
 
 def low_passed(signal: np.ndarray, cut_off: float, control_period: float) -> np.ndarray:
-    """Return samples (samples, ...) through a Butterworth filter of no phase, with a cut-off frequency [Hz]."""
+    """Return samples (samples, ...) through a zero-phase Butterworth filter with a cut-off frequency [Hz]."""
     from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 
     sections = butter(_ORDER, min(cut_off / (0.5 / control_period), 0.99), output="sos")

@@ -1,4 +1,4 @@
-"""The discrete Riccati equation, and what else gains are computed with, bit for bit the same on every processor.
+"""The discrete Riccati equation and the matrix exponential, with the same bits on every processor.
 
     P = Q + Aᵀ P (I + G P)⁻¹ A
 

@@ -55,9 +55,9 @@ class ComputedTorquePolicy(LawPolicy):
 def bandwidth_for(arm: AnyArm, control_period: float) -> float:
     """Return the default ω [rad/s] for an arm and a control period [s].
 
-    That of the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py`` (commit 2839bc83): the
-    largest that stays stable with twice the loop gain and with one sample of delay. So it is for a robot, at random
-    postures of its range: the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
+    The value for the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py`` (commit 2839bc83): the
+    largest that stays stable with twice the loop gain and with one sample of delay. The same rule applies to a robot at
+    random postures of its range: the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
     """
     if not isinstance(arm, Robot):
         return _BANDWIDTH

@@ -1,15 +1,14 @@
-"""Output feedback on the elastic arm: an observer of the hidden link side, and a state feedback to the elastic target.
+"""Output feedback on the elastic arm: an observer of the unmeasured links, and state feedback to the elastic target.
 
 Every policy measures only the motors, y = (θ, θ̇) with noise. The observer estimates x = (θ, q, θ̇, q̇), motors
 and links, and an unknown torque d on the links (a tip force, a payload), modelled as a random walk:
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L (y - (θ̂, θ̂̇)⁻),
     act       u = u_ff - d̂ - K (x̂ - x_d),      x_d = (θ_d - K_t⁻¹ d̂, q_d, θ̇_d, q̇_d),
-    predict   (x̂, d̂)⁻ = what the nominal elastic arm, friction and stick included, does of (x̂, d̂) under u.
+    predict   (x̂, d̂)⁻ = the step of the nominal elastic arm, with friction and stick, from (x̂, d̂) under u.
 
 θ_d and u_ff are those of `elastic_target`; K_t⁻¹ d̂ is the bending that the joints need not provide because d̂ supports
-the links. The prediction uses the torque within its limits, which is what the motors apply, so nothing winds up at a
-limit.
+the links. The prediction uses the torque within its limits, as the motors do, so there is no windup at a limit.
 
 K and L are tabulated by `observer_gains` over the angles of `gain_schedule` and interpolated. The integral action is in
 d̂: a constant torque on the links leaves no error at the tip.

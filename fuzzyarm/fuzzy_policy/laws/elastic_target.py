@@ -1,18 +1,18 @@
-"""Where the motors must stand so that the tip is on the reference, from the observation alone.
+"""The motor angles that put the tip on the reference, from the observation alone.
 
 The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d); it bends the joints by δ = θ_d - q_d with
 
     B_t δ̇ + K_t δ = τ_d,    so, with b = B_t/K_t,    δ = (τ_d - b τ̇_d + b² τ̈_d - ...)/K_t.
 
 τ_d follows from the reference in the observation; its derivatives are backward differences over the last three
-control periods, so that a few past values of τ_d are all there is to remember. (`envs.scenario.elastic_reference`
+control periods, so that only a few past values of τ_d are stored. (`envs.scenario.elastic_reference`
 solves the same equation exactly for a reference known beforehand.) The torque that goes with θ_d is the feedforward
 
     u_ff = I_a θ̈_d + f_v θ̇_d + F(θ̇_d) sign θ̇_d + τ_d,
 
 by default at t_k + T/2 instead of t_k: the mean over the coming hold, extrapolated from the last two samples.
 
-Any policy may use it, because it reads only the observation.
+Any policy can use it, because it reads only the observation.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff holds the dry friction else 0, and by which share of T u_ff is extrapolated."""
+    """Links, motors, T [s], 1 if u_ff includes dry friction else 0, and the share of T for extrapolating u_ff."""
 
     arm: Any
     drives: Drives
@@ -119,8 +119,8 @@ class ElasticTarget:
     ) -> None:
         """Take the arm as the controller knows it and T [s], which must be positive.
 
-        `friction` says whether u_ff holds the dry friction, `average` whether it is that of the middle of the coming
-        hold rather than that of its start.
+        `friction` says whether u_ff includes dry friction, `average` whether it is for the middle of the next hold
+        rather than its start.
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
         self._joints, self.memory_size = physics.joints, len(flat(past_of(physics.joints)))
@@ -136,8 +136,8 @@ class ElasticTarget:
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
         """Fill θ_d, θ̇_d, θ̈_d (lanes, 3 n) [rad, s] and u_ff (lanes, n) [N m], not clipped; advance the memory.
 
-        Of `observation` (lanes, 5 n) the reference is read. A memory (lanes, memory_size) of zeros begins an episode:
-        the arm was at rest before.
+        Only the reference in `observation` (lanes, 5 n) is used. A memory (lanes, memory_size) of zeros begins an
+        episode with the arm at rest.
         """
         self._kernel((memory, observation, target, feedforward), self._numbers)
 

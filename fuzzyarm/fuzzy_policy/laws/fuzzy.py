@@ -25,7 +25,7 @@ __all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in the module's docstring."""
+    """The law of a controller file as a policy; see the module's docstring."""
 
     integral_at: int | None = 0
 
@@ -52,7 +52,7 @@ class FuzzyPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
-    """Return the law of controllers whose A is blended by these premises, and whose E has so many vertices.
+    """Return the law for controllers with these premises in A, and this number of vertices of E.
 
     Its constants are the gains [K H | L] of each rule and joint, the bounds of the premises, c2 [kg m²], c4 and c5
     [N m] of (3), and T [s].

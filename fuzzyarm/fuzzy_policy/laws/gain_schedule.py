@@ -1,9 +1,10 @@
-"""Over which angles the gains of the elastic observer are tabulated, at which points, and how they are interpolated.
+"""Tabulation of the elastic observer's gains: angles, points and interpolation.
 
-The mass matrix of the two-joint arm depends on cos q2 alone: its gains stand at nine of its values and are interpolated
-linearly in cos q2. For a robot, the angles are the two on which its mass matrix depends most: with E[M | q_j] the mean
-over the other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each has eight points around the circle,
-where the gains are those of the mean of M over the other angles, and they are interpolated linearly in each angle.
+The mass matrix of the two-joint arm depends on cos q2 alone: its gains are tabulated at nine values of cos q2 and
+interpolated linearly. For a robot, the angles are the two on which its mass matrix depends most: with E[M | q_j] the
+mean over the other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each has eight points around the
+circle, where the gains are those of the mean of M over the other angles, and they are interpolated linearly in each
+angle.
 """
 
 from __future__ import annotations

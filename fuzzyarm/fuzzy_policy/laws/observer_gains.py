@@ -5,12 +5,12 @@ slope, the Coriolis torques and dry friction are left out, so it depends on the 
 tabulated over the angles that M depends on most, see `gain_schedule`. They have the same bits on every processor, see
 `riccati`. How they are used is in `elastic_observer`.
 
-Default gains are those that hold on the sampled elastic robot anywhere in its range. At random postures the robot is
+Default gains are stable on the sampled elastic robot anywhere in its range. At random postures the robot is
 linearised without gravity and dry friction, see `_sampled_arm`, and a law near rest is, with its memory s,
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
-with x the plant's 4 n states, u held over a period or one period late. `fuzzyarm.eval.stability` measures the same of
+with x the plant's 4 n states, u held over a period or one period late. `fuzzyarm.eval.stability` measures the same for
 any policy, with gravity, at postures of a path.
 
 `ObserverWeights` were tuned for the two-joint arm. Where a robot's mass matrix depends on more angles than gains are
@@ -169,7 +169,7 @@ def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, w
         if not np.isfinite(gain).all():
             raise ValueError(
                 f"no gains at {place} for control_period = {control_period!r} s, {weights} and this arm (the Riccati "
-                "equation has no accurate solution): take a shorter period, or other weights"
+                "equation has no accurate solution): choose a shorter period or other weights"
             )
     return gains
 
@@ -244,7 +244,7 @@ def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]
 
 
 def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
-    """Return M (places, n, n) [kg m²] for which the table has its gains nearest to each place."""
+    """Return M (places, n, n) [kg m²] of the table's point nearest to each place."""
     schedule = schedule_of(robot)
     return np.array([nearest_inertia(schedule, place.q) for place in places])
 

@@ -1,6 +1,6 @@
-"""The gains that the paper prints in section 6.2 for four rules, those with i = 1; they are used for i = 2 as well.
+"""The gains that the paper prints in section 6.2 for four rules, those with i = 1; they are also used for i = 2.
 
-K and H get one sign, see docs/paper/reading.md. E_p1 is the vertex of the smallest z1 there as here. No inequality
+K and H have the same sign, see docs/paper/reading.md. E_p1 is the vertex of the smallest z1 in both. No inequality
 proves this law.
 """
 

@@ -23,7 +23,7 @@ __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in `fuzzy_policy.scheduled`."""
+    """The law of a controller file as a policy; see `fuzzy_policy.scheduled`."""
 
     integral_at: int | None = 0
 

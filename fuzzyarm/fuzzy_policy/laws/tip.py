@@ -1,13 +1,13 @@
-"""Any fixed law, with a reference that brings the tip rather than the motors to the path.
+"""Any fixed law, with a reference that makes the tip rather than the motors follow the path.
 
-The law tracks θ_d of `elastic_target` in place of q_d. Its own feedforward, which is what it answers at zero error, is
-replaced by u_ff:
+The law tracks θ_d of `elastic_target` in place of q_d. Its own feedforward, its torque at zero error, is replaced by
+u_ff:
 
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
 For the fuzzy law that is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r of θ_d, and L at the measured
-and at the wanted premises: L still cancels what it cancels for the kept premises. θ_d is a twice differentiable
-reference like q_d, so the inequalities of the certificate hold for it, too; d then holds other torques, see
+and at the desired premises: L still cancels the same terms for the kept premises. θ_d is a twice differentiable
+reference like q_d, so the inequalities of the certificate also hold for it; d then includes other torques, see
 `tip_statement`.
 """
 

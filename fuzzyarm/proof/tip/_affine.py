@@ -1,10 +1,10 @@
-"""Affine numbers: a law that runs on them answers for all points of a zonotope at once.
+"""Affine numbers: a law evaluated on them covers all points of a zonotope at once.
 
     x = c + r (ξ, g) + β,      ξ the deviations of a zonotope,   |g_i| <= 1,   |β| <= rest.
 
-x is the float that the robot computes: each operation adds its largest rounding error to the rest. The deviation of a
-product or a function from its line becomes an unknown g_i of its own, so that numbers that share it stay correlated; a
-small deviation goes to the rest. A product is
+x is the float computed on the robot: each operation adds its largest rounding error to the rest. The deviation of a
+product or a function from its line becomes a new unknown g_i, so that numbers that share it stay correlated; a small
+deviation is added to the rest. A product is
 
     x y = c_x c_y + c_x δy + c_y δx + δx δy,
 
@@ -12,8 +12,8 @@ and a function f has a line on |x - z| <= r (Taylor),
 
     f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
 
-A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where several rows of a
-table are possible, each of them is followed, see `_Places`. Any other choice that is undecided has no bound.
+A maximum uses the line through its ends, and `stick_slip` its own slopes, see `_stick_slip`. If several rows of a table
+are possible, all of them are followed, see `_Places`. Any other undecided choice has no bound.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Space:
         return x if isinstance(x, Affine) else Affine(self, float(x), np.zeros(len(self._totals)), 0.0, 0.0)
 
     def rows(self, numbers: list[Affine]) -> np.ndarray:
-        """Return the rows r of numbers, padded with zeros to one length (numbers, n)."""
+        """Return the rows r of several numbers, zero-padded to equal length (numbers, n)."""
         rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
         for given, number in zip(rows, numbers, strict=True):
             given[: len(number.row)] = number.row
@@ -94,7 +94,7 @@ class Space:
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return y + sign Σ w_c G_c x, as `on_table` does, at all rows of the table that are possible."""
+        """Return y + sign Σ w_c G_c x, as `on_table` does, at all possible rows of the table."""
         found = []
         for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
             at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]
@@ -105,7 +105,8 @@ class Space:
     def _weighted(self, parts: list[tuple[np.ndarray, Affine]], sign: float, x: Any, y: Any) -> list[Affine]:
         """Return y + sign Σ w_c G_c x for parts (G_c, w_c).
 
-        It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), where what is not linear is small: Σ w_c hardly varies.
+        It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), whose nonlinear part is small, because Σ w_c hardly
+        varies.
         """
         (first, weight), *others = parts
         sizes = np.array([self.number(one).largest() for one in x])
@@ -143,7 +144,7 @@ class Space:
 
 
 class _Line(NamedTuple):
-    """A line of a function: the value at z, the slope λ, and a bound of the rest."""
+    """A linear approximation of a function: the value at z, the slope λ, and a bound on the rest."""
 
     value: Any
     slope: float
@@ -194,18 +195,18 @@ def _sinc_rate(x: Any) -> Any:
 
 
 def _square(x: Any) -> Any:
-    """Return x², which is nowhere negative on a ball."""
+    """Return x², which is nonnegative on a ball."""
     least, most = x.abs_lower(), x.abs_upper()
     return (least * least).union(most * most)
 
 
 def _one_by(x: Any) -> Any:
-    """Return 1/x, which falls where it has one sign."""
+    """Return 1/x, which decreases if x has one sign."""
     return (1 / x.lower()).union(1 / x.upper())
 
 
 def _tanh(x: Any) -> Any:
-    """Return tanh x, which rises."""
+    """Return tanh x, which is increasing."""
     return x.lower().tanh().union(x.upper().tanh())
 
 
@@ -249,10 +250,10 @@ class Affine:
         return self._reach
 
     def range(self) -> tuple[float, float]:
-        """Return floats that enclose the number from both sides; `NoBound` where it may be anything."""
+        """Return floats that enclose the number from both sides; `NoBound` if it is unbounded."""
         radius = self.reach() + self.rest
         if not abs(self.middle) + radius < math.inf:
-            raise NoBound("a number of the law may be anything")
+            raise NoBound("a number of the law is unbounded")
         if radius > 0.0:
             radius = radius * _UP + _ROUND * abs(self.middle)
         return self.middle - radius, self.middle + radius
@@ -335,7 +336,7 @@ class Affine:
     sinc = functools.partialmethod(_turned, _SINC)
 
     def floor(self) -> Any:
-        """Return the largest whole number that is not above x; `_Places` where several may be."""
+        """Return the largest whole number that is not above x; `_Places` if several are possible."""
         low, high = map(math.floor, self.range())
         return float(low) if low == high else _Places(self, map(float, range(low, high + 1)))
 
@@ -420,7 +421,7 @@ class _Undecided:
         return first if first is second else bool(self)
 
     def when(self, *_: Any) -> Any:
-        """Raise `NoBound`: what depends on the comparison is more than the maximum or minimum of two numbers."""
+        """Raise `NoBound`: the branch is more than the maximum or minimum of two numbers."""
         return bool(self)
 
     only = when
@@ -467,7 +468,7 @@ class _Places:
         self.source, self.values = source, tuple(values)  # the number whose floor it is
 
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
-        """Return what becomes of the values, with others; `NoBound` where these depend on another floor."""
+        """Map the values, combined with others; `NoBound` if these depend on another floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
             raise NoBound("the law looks up a table by two numbers at once, of which neither row is decided")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
@@ -482,12 +483,12 @@ class _Places:
     __float__ = __bool__
 
     def select(self, first: Any, second: Any) -> _Places:
-        """Return the choice between two numbers that each of the values makes, as a condition."""
+        """Return the choice between two numbers, with each of the values as the condition."""
         return self.each(select, first, second)
 
     @staticmethod
     def row(_: Any, place: _Places, *_others: Any) -> Any:
-        """Raise `NoBound`: outside of `Space.interpolated` the row of a table has to be decided."""
+        """Raise `NoBound`: outside of `Space.interpolated` the row of a table must be decided."""
         return bool(place)
 
     entry = row
@@ -527,7 +528,7 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
         0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
         0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move;
 
-    lines of half these slopes leave half their widths. Or the friction is any torque, up to f.
+    lines of half these slopes leave half their widths. Alternatively, the friction is any torque up to f.
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:

@@ -4,9 +4,9 @@ Along the centre y(t), with K, B, I_a, f_v and the links' torque R of the middle
 
     N = u - K φ - B φ̇ - f_v θ̇,       P = N - I_a θ̈,       d = K φ + B φ̇ - R(q, q̇, q̈, F).
 
-P is the negative friction of the centre's motor, and d the torque that its links lack. The angles are
-polynomials in s in [-1, 1], so N and P are, too; d is a power series about s = 0, whose remainder is its last
-coefficient about the ball s in [-1, 1] (Lagrange). All of them are a `Signal`.
+P is the negative friction of the centre's motor, and d the defect of its links' torque. The angles are polynomials in s
+in [-1, 1], and so are N and P; d is a power series about s = 0, whose remainder is its last coefficient about the ball
+s in [-1, 1] (Lagrange). All of them are a `Signal`.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Signal:
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     def about_all(self) -> list[Any]:
-        """Return the coefficients about the ball s in [-1, 1], of which Lagrange's remainder is made."""
+        """Return the coefficients about the ball s in [-1, 1], which give Lagrange's remainder."""
         return (_SHIFT * self._column(DEGREE + 1)).entries()  # type: ignore[no-any-return]
 
     def _column(self, rows: int) -> Any:
@@ -189,7 +189,7 @@ class PeriodMotion:
         return [stiffness[j] * self.bending(j) + damping[j] * self.bending_rate(j) - torques[j] for j in range(JOINTS)]
 
     def lever_arms(self, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-        """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it during it."""
+        """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and their largest change within it."""
         lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
 
         def arms(angles: list[arb], unit: tuple[float, float]) -> tuple[arb, arb]:
@@ -204,7 +204,7 @@ class PeriodMotion:
         return lever, spread + SLACK * np.abs(lever).sum()
 
     def slip(self, joint: int, side: int, arm: Arm) -> Signal:
-        """Return F(v) [N m] of a motor that turns to one side."""
+        """Return F(v) [N m] of a motor that moves in one direction."""
         return _through(lambda speed: (dry_friction(speed, joint, arm),), side * self.velocity[joint])[0]
 
 

@@ -1,4 +1,4 @@
-"""Bounds of the torques that the linear equation of the deviation leaves out in one period, channel by channel.
+"""Bounds on the torques omitted by the linear equation of the deviation in one period, channel by channel.
 
 With the tube |S ξ| <= ρ during the period, the bounds of these torques are
 
@@ -8,16 +8,16 @@ With the tube |S ξ| <= ρ during the period, the bounds of these torques are
     motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction`,
     tip      the force of any course,
 
-and the parts of the uncertain constants' torques along the centre that are not linear in time. These torques are
+and the nonlinear parts of the uncertain constants' torques along the centre. These torques are
 
     stiffness, damping     -Δk φ, -Δb φ̇ within the joint: opposite on motor and link,
     inertia, viscosity     -ΔI θ̈, -Δf θ̇ on the motor,
     dry friction           Δμ times the friction of the centre, where its motor slips,
     mass, payload, force   -Δp R_p on the links.
 
-A constant keeps its value, so its column of the zonotope is driven by the signal with one factor in [-1, 1] for good.
-A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel stands for the velocity, and
-that bound holds what the torques of the constants do (`Friction.driving`).
+A constant keeps its value, so its column of the zonotope is driven by the signal with one fixed factor in [-1, 1].
+A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel represents the velocity, and
+that bound includes the torques of the constants (`Friction.driving`).
 """
 
 from __future__ import annotations
@@ -80,14 +80,14 @@ class _Linearised:
 
 
 class LinkRemainder:
-    """The torques on the links that their linear equation leaves out in one period.
+    """The torques on the links omitted by their linear equation in one period.
 
     With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
 
         |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `_Linearised` leaves out of R and of R_p on the tube.
 
-    r_p ξ is a row that is observed like the others: links that turn against each other cancel in it, which they do not
-    in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
+    r_p ξ is a row observed like the others: opposite motions of the links cancel in it, unlike in |M_p| ρ_q̈ + |R_p,q|
+    ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two is used.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
@@ -133,7 +133,7 @@ class Drive(NamedTuple):
 
     @classmethod
     def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> Drive:
-        """Return the torques of all constants but the dry friction, whose torques depend on the plan."""
+        """Return the torques of all constants except dry friction, whose torques depend on the plan."""
         shape = CHANNEL_COUNT, len(plant.parameters)
         drive = cls(np.zeros(shape), np.zeros(shape), np.zeros(CHANNEL_COUNT), np.zeros(JOINTS))
         for index, parameter in enumerate(plant.parameters):

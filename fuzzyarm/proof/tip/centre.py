@@ -2,8 +2,8 @@
 
 On a segment the angles are polynomials of degree 7 in s in [-1, 1], found by collocation: the accelerations are those
 of the arm at the Gauss points of s, and the angles their integrals. The defects of the polynomials in the equations
-are bounded afterwards (`defects`), and the centre's friction is whatever its motor needs for its motion. A motor slips
-or rests; where that changes within a period, the period is divided there.
+are bounded afterwards (`defects`), and the centre's friction is the one that its motor's motion requires. A motor slips
+or rests; the period is divided where that changes.
 """
 
 from __future__ import annotations

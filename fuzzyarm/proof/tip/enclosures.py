@@ -1,4 +1,4 @@
-"""Numbers that enclose: balls, forward derivatives on them, and sums of floats that are rounded upwards.
+"""Enclosures of numbers: balls, forward derivatives on them, and upward rounded sums of floats.
 
     x in ball(c, r)  means  |x - c| <= r.          |fl(X Y) - X Y| <= SLACK |X| |Y|   for matrices of floats.
 

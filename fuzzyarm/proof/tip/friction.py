@@ -1,17 +1,17 @@
 """Bounds of the difference between a motor's friction and the centre's, on the tube of one period.
 
 The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
-the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Three things are known of it:
+the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Three facts are known about it:
 
     v > 0     w = P - F(v);          v < 0     w = P + F(v);
     v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
 
 *Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min: so v <= max(0, v_0 + t (N_max - F_min)/I_a), and likewise below
-zero. It bounds v by itself, beside the tube: one side may be ruled out although the tube reaches across zero.
+zero. This bound on v is independent of the tube: one sign may be ruled out although the tube contains zero.
 
-*Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of what the law allows
-at the centre's velocity, the velocities of two solutions part no faster than I_a |δv|' <= |δN| + η + L |δv|, whatever
-sticks or slips in between.
+*Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of the law's friction
+at the centre's velocity, the velocities of two solutions diverge no faster than I_a |δv|' <= |δN| + η + L |δv|, whether
+the motor sticks or slips.
 
 *Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
 
@@ -22,7 +22,7 @@ sticks or slips in between.
 At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` inflections
 the remaining fall is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs,
 which `_Curve.slopes` and `_Curve.strength` add. All are coefficients of the power series of the curve itself,
-`STRIBECK.magnitude`, about balls that cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
+`STRIBECK.magnitude`, about balls that cover the speeds up to 2^100 inflections; an undecided ball is halved.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class _Curve:
         return (-self.steepest if inside else min(lows)) - left, max(highs) + left
 
     def conditions(self) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
-        """Yield ranges of speeds [rad/s], each with the condition that the series of F has to meet on balls in it."""
+        """Yield ranges of speeds [rad/s], each with the condition on the series of F over balls in it."""
         steepest, static = arb(self.steepest), self.static
         far = [_FAR * self.after * 2.0**k for k in range(_DOUBLINGS + 1)]
         limit = self.series(arb(far[-1]))[0]
@@ -115,7 +115,7 @@ def check_curve(arm: Arm) -> None:
         rest = curve.series(arb(0))
         fits = rest[0].overlaps(curve.static) and rest[1] <= 0
         if not (fits and all(curve.meets(*each) for each in curve.conditions())):
-            raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
+            raise NoBound(f"the friction of motor {joint + 1} does not match the parameters of its curve: {STRIBECK}")
 
 
 class Plan(enum.Enum):
@@ -129,7 +129,7 @@ class Plan(enum.Enum):
 
 
 class Speed(NamedTuple):
-    """Bounds of a motor's velocity at a sample that hold beside the tube: low <= v <= high [rad/s]."""
+    """Bounds on a motor's velocity at a sample, in addition to the tube: low <= v <= high [rad/s]."""
 
     low: float
     high: float
@@ -187,7 +187,7 @@ class Friction:
     def driving(self, tube_net: float, constants: float, products: float) -> float:
         """Return a bound of |δN| + η [N m], for the plan MONOTONE; arguments as for `bound`.
 
-        η includes the effect of the friction factor's range, for centres that slip or rest as the law says.
+        η includes the effect of the friction factor's range, for centres that slip or rest by the law.
         """
         static = self.static[1]
         eta = self._missed

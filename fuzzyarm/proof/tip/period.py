@@ -6,7 +6,7 @@ For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the d
 
 where ξ_h is the effect of start, held torque and uncertain constants alone. If ρ'(ρ) < ρ in every row, the deviation
 never leaves ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within
-ρ' there, and it is continuous. The accelerations and the products of masses are no part of the state; together they
+ρ' there, and it is continuous. The accelerations and the products of masses are not part of the state; together they
 obey a <= G(a), where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise
 λ = max a/ρ > 1 had a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
@@ -86,7 +86,7 @@ class Period:
             raise NoBound(str(failed)) from None
 
     def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
-        """Return the closed period for the zonotope of ξ at its start; `NoBound` where there is none."""
+        """Return the closed period for the zonotope of ξ at its start; `NoBound` if there is none."""
         plans = [self._plan(joint, start, known[joint], friction) for joint in range(JOINTS)]
         for _ in range(3 * JOINTS + 1):
             try:
@@ -162,7 +162,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Raise `PlanFails` for a plan MONOTONE by which a velocity grows nearly as much as by the friction itself."""
+        """Raise `PlanFails` if a plan MONOTONE bounds a velocity hardly better than the friction itself."""
         static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
         for j, friction in enumerate(frictions):
             grown = after[j] - before[j]

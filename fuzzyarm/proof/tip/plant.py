@@ -1,12 +1,13 @@
 """A set of plants, and its arms in balls.
 
-*Set.* It says by which factors the constants of the arm may differ from Table 1, and what else may act. Every factor
-is constant during the motion and independent of the others; the factor of a mass also scales the inertia of its link,
-as in `DomainRandomisation`. A factor has one range for both joints, or one for each. Three things may vary with time,
+*Set.* A set defines the factors by which the arm's constants may differ from Table 1, and other disturbances. Every
+factor is constant during the motion and independent of the others; the factor of a mass also scales the inertia of its
+link, as in `DomainRandomisation`. A factor has one range for both joints, or one for each. Three things may vary with
+time,
 in any measurable way: the friction torque of a set with ``any`` friction, the tip force within `force_swing` and
 `force_course`, and at every sample the encoder errors within `noise`.
 
-*Arms.* They are an arm in the middle of the set, and for each uncertain constant what it adds:
+*Arms.* The arms are the one in the middle of the set, plus a term for each uncertain constant:
 
     p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
 
@@ -54,7 +55,7 @@ _LONGEST_LABEL = 60  # characters
 
 @dataclasses.dataclass(frozen=True)
 class PlantSet:
-    """Ranges (low, high) of what is constant, and bounds of what may vary with time; the defaults are Table 1 alone.
+    """Ranges (low, high) of constants, and bounds on quantities that vary with time; the defaults are Table 1.
 
     The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
     """
@@ -105,7 +106,7 @@ class PlantSet:
         return dataclasses.replace(self, **named)
 
     def hole(self, cells: Sequence[PlantSet]) -> PlantSet | None:
-        """Return a part of the set that no cell holds; None where the cells cover the set."""
+        """Return a part of the set that no cell contains; None if the cells cover the set."""
         found, hole = _hole(self._box(), np.array([cell._box() for cell in cells])), self
         if found is None:
             return None
@@ -136,7 +137,7 @@ class PlantSet:
 def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
     """Return a box (n, 2) within `box` that lies in none of the closed boxes `parts` (m, n, 2), or None.
 
-    The box is divided at an end of a part that lies inside it; a box without such an end is in a part or in none.
+    The box is divided at an end of a part that lies inside it; a box without such an end lies in one part or in none.
     """
     low, high = box.T
     near = parts[((parts[..., 0] <= high) & (parts[..., 1] >= low)).all(axis=1)]
@@ -184,7 +185,7 @@ I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period 
 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
-    """Raise ValueError unless a label is short printable ASCII text, and no name of `SETS` that means other plants."""
+    """Raise ValueError unless a label is short printable ASCII and not a name of `SETS` for other plants."""
     if not (isinstance(name, str) and 0 < len(name) <= _LONGEST_LABEL and name.isascii() and name.isprintable()):
         raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {_LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:

@@ -1,4 +1,4 @@
-"""The torque and the memory of a policy after a sample, for all states of a zonotope at once.
+"""The torque and memory of a policy after a sample, for all states of a zonotope at once.
 
     (u, m⁺) = law(θ, θ̇, m; r_k),      m: the numbers that the policy carries from one sample to the next.
 
@@ -60,7 +60,7 @@ class SampledLaw:
         law = law_of(policy)
         if law is None:
             raise NoBound(
-                f"there is no bound for {shown(type(policy).__name__)}, which is no law; choose a fuzzy policy or "
+                f"there is no bound for {shown(type(policy).__name__)}, which is not a law; choose a fuzzy policy or "
                 "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
             )
         self._law, self._references = law, references
@@ -105,7 +105,7 @@ class SampledLaw:
         numbers, own = [*_numbers((after,))], set(self.remembered.tolist())
         for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
             if place not in own and (isinstance(number, Affine) or number != held):
-                raise NoBound("the law remembers otherwise than in a run of its own")
+                raise NoBound("the law's memory differs from that of a separate run")
         return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
 
 
@@ -130,7 +130,7 @@ def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
         rest += missed
     rest *= ROUND_UP
     if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
-        raise NoBound("the law's answer is no finite number")
+        raise NoBound("the law's answer is not a finite number")
     beside = rest > WORTH * total  # worth columns; the rest of the others is a box
     columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
     return Response(middle, columns, np.where(beside, 0.0, rest))

@@ -1,4 +1,4 @@
-"""The linear equation of the deviation in one period, its solution and bounds of it, in floats with an allowance.
+"""The linear equation of the deviation in one period, its solution and its bounds, in floats with an allowance.
 
     ξ = (δθ, δq, δθ̇, δq̇, δu),      ξ̇ = A ξ + Σ b_c w_c(t),      δu constant,      observed: S ξ + D w.
 
@@ -87,10 +87,10 @@ class Linear(NamedTuple):
             arm: constants in floats.
             links: M_k [kg m²], G_k = ∂R/∂q [N m/rad] and D_k = ∂R/∂q̇ [N m s/rad] at the middle of the period, (2, 2).
             lever: Jᵀ (2, 2), from tip forces [N] to torques [N m].
-            slip: change of the friction torque with the velocity (2,) [N m s/rad].
+            slip: derivative of the friction torque by velocity (2,) [N m s/rad].
             still: whether friction holds a motor still; its rows are zero.
-            given: whether the velocity of a motor is bounded otherwise. Then it is no state, and the motor's channel
-                stands for it, in rad/s.
+            given: whether the velocity of a motor is bounded separately. Then it is not a state, and the motor's
+                channel represents it, in rad/s.
             products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
         """
         mass, stiff, damp = links

@@ -34,10 +34,10 @@ _COARSE = 6  # every how many of them are looked at first
 def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[float]) -> tuple[float, np.ndarray]:
     """Return a bound of the tip error [m] at a sample, and the share of each source: `SOURCES`, constants, centre.
 
-    For the centre's state (8,), the zonotope of deviations, the arm and the wanted point p_r = (x, y) [m],
+    For the centre's state (8,), the zonotope of deviations, the arm and the target point p_r = (x, y) [m],
 
     |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
-    that touches it in `_DIRECTIONS` directions, and so does it with the centre's own error.
+    that touches it in `_DIRECTIONS` directions, and likewise with the centre's error added.
     """
     angles = PerJoint(*(arb(x) for x in state[ROWS.link].tolist()))
     tip = tip_point(angles, arm)
@@ -67,11 +67,11 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[fl
 
 
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reach in the directions that count, zero in the others, and which these are.
+    """Return the reach in the relevant directions, zero in the others, and a mask of them.
 
     The farthest point v of a symmetric set with reach h is seen from the nearest of the `_COARSE` directions c under an
     angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c
-    are the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
+    are the others needed. The two sets are the deviations, without and with the centre's own error.
     """
     coarse = np.arange(0, _DIRECTIONS, _COARSE)
     reach, reached = np.zeros(_DIRECTIONS), np.zeros(_DIRECTIONS, dtype=bool)
@@ -117,7 +117,7 @@ class _State:
     """The state of the tube between two segments: everything on which the rest of the motion depends.
 
     The numbers of the zonotope are the deviations of θ, q, θ̇ and q̇ from the centre, those of the policy's memory and,
-    where torques act late, that of the torque that acts next. Within a control step the held torque stands behind q̇.
+    where torques act late, that of the torque that acts next. Within a control step the held torque follows q̇.
     """
 
     centre: np.ndarray  # θ, q, θ̇, q̇ of the centre (8,)
@@ -142,8 +142,8 @@ class Tube:
     def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None) -> None:
         """Begin at rest on the reference, as the environment does.
 
-        The claims are the segments of the centre in each control step, with the tube and plans that a file states for
-        them: they are confirmed without any search. None: the tube is searched.
+        The claims are the segments of the centre in each control step, with their tube and plans from a file, which are
+        confirmed without a search. None: search for the tube.
         """
         self.problem, self._claims, self.state = problem, claims, _State.at_rest(problem)
         memory = range(STATES, STATES + problem.law.memory)
@@ -151,7 +151,7 @@ class Tube:
         self._centre = Centre(problem.plant.middle, problem.period)
 
     def __iter__(self) -> Iterator[Step]:
-        """Advance to the end of the motion; `NoBound` where there is no tube."""
+        """Advance to the end of the motion; `NoBound` if there is no tube."""
         with ctx.workprec(BITS):
             check_curve(self.problem.plant.exact)
         for k in range(self.problem.schedule.steps):
@@ -186,7 +186,7 @@ class Tube:
         )
 
     def _next_drags(self) -> list[float | None]:
-        """Return the centre's constant friction torques, for motors of whose velocity even the sign is uncertain."""
+        """Return the centre's constant friction torques, for motors whose velocity has an uncertain sign."""
         if self.problem.plants.friction == "any":
             return [0.0] * JOINTS
         slow = np.abs(self.state.centre[ROWS.d_theta]) <= 1.05 * self.state.deviations.totals()[ROWS.d_theta]
@@ -228,7 +228,7 @@ class Tube:
 
     @staticmethod
     def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
-        """Count the deviations from `after` (8,) instead of `before`, which differs from it by rounding only."""
+        """Measure the deviations from `after` (8,) instead of `before`, which differs only by rounding."""
         deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:

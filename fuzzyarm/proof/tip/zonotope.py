@@ -122,7 +122,7 @@ def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a column for each number (n, n), and a box (n,), that together hold what many columns (n, k) hold.
 
     Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
-    the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than what the columns reach.
+    the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than the columns' reach.
     """
     units = np.abs(columns).sum(axis=1)
     units[units == 0.0] = 1.0

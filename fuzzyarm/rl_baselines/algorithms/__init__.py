@@ -1,4 +1,4 @@
-"""The learning algorithms by name: the `SPEC` of each module of this folder, and what `add_algorithm` adds."""
+"""The learning algorithms by name: the `SPEC` of each module in this folder, and those added by `add_algorithm`."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ ALGORITHMS = Registry[AlgorithmSpec](__name__, {spec.name: spec for spec in _shi
 
 
 def add_algorithm(spec: AlgorithmSpec) -> None:
-    """Make an algorithm known by its name and the class of its settings; ValueError if there is one with either."""
+    """Register an algorithm by name and class of settings; ValueError if either is taken."""
     if spec.name in ALGORITHMS:
-        raise ValueError(f"there is an algorithm {spec.name!r} already; choose another name")
+        raise ValueError(f"algorithm {spec.name!r} already exists; choose another name")
     for other in ALGORITHMS.values():
         if other.config is spec.config:
-            raise ValueError(f"{spec.config.__name__} holds the settings of {other.name!r}; derive a class of your own")
+            raise ValueError(f"{spec.config.__name__} holds the settings of {other.name!r}; derive your own class")
     ALGORITHMS[spec.name] = spec
 
 
@@ -45,4 +45,4 @@ def algorithm_of(config: TrainingConfig) -> AlgorithmSpec:
     for spec in ALGORITHMS.values():
         if type(config) is spec.config:
             return spec
-    raise ValueError(f"{type(config).__name__} holds the settings of no known algorithm; call add_algorithm first")
+    raise ValueError(f"{type(config).__name__} is not the configuration of a known algorithm; call add_algorithm first")

@@ -1,6 +1,6 @@
 """PPO of stable-baselines3: its settings, its presets and its part of a training.
 
-The settings have the names that `stable_baselines3.PPO` gives them. torch and stable-baselines3 are imported when a
+The settings have the names used by `stable_baselines3.PPO`. torch and stable-baselines3 are imported when a
 training begins, so that settings and presets can be read without them.
 """
 
@@ -103,7 +103,7 @@ _LOGGED = {
 
 
 class _PPOAlgorithm:
-    """PPO in the middle of a training, see `Algorithm`."""
+    """PPO during a training run, see `Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: StableBaselinesVecEnv) -> None:
         import torch
@@ -147,13 +147,13 @@ class _PPOAlgorithm:
         return int(self.model.num_timesteps)
 
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
-        """Go on to the end; see `Algorithm.learn`."""
+        """Continue to the end; see `Algorithm.learn`."""
         from stable_baselines3.common.callbacks import BaseCallback
 
         algorithm, begun = self, self.steps
 
         class AfterUpdate(BaseCallback):
-            """Calls back where an update is over: at the beginning of the next rollout, and at the end."""
+            """Calls back after each update: at the beginning of the next rollout, and at the end."""
 
             def _on_step(self) -> bool:
                 return True
@@ -214,7 +214,7 @@ class _PPOAlgorithm:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned, see `Algorithm.set_state`."""
+        """Continue from a result of `state`, see `Algorithm.set_state`."""
         from fuzzyarm.rl_baselines._checkpoint import check_learner
 
         model, policy = self.model, self.model.policy

@@ -1,19 +1,18 @@
-"""What the episodes of the training are drawn from: courses, plants, loads, sensors and drives, a draw for each lane.
+"""The distribution of training episodes: courses, plants, loads, sensors and drives, drawn for each lane.
 
 Cases 2 and 3 are not among the draws, nor are the courses and seeds of the comparisons. Courses are those of
 `reference_family`; in a quarter of the lanes the default one; in a sixth a circle of millimetres, or for a robot a
-spline as small, on which the arm all but stands, so that the student learns to rest under a load. In a quarter of the
+spline as small, on which the arm hardly moves, so that the student learns to rest under a load. In a quarter of the
 draws all lanes have the known arm. Loads are a payload at the tip and one force:
 
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
 v the velocity of the tip and Q a rotation: by nothing (along the course) or by any angle (across it). Pushes have any
 direction in which the tip can move, a plane or space; Q turns in that plane, or in space about any axis. Forces,
-payloads and millimetres are those of Table 1 times the numbers of `units.scale_of`: of a robot, what asks for the same
-share of a motor's torque limit along its default course, and ratios of reaches. Encoders are
-noisy in half of the lanes, in half of these by as little as a computer rounds; torques are late in a quarter of them,
-by 0.5 to 2 control periods. Lanes that ask for more than nine tenths of the torque limits are drawn again: what the
-motors cannot do teaches nothing.
+payloads and millimetres are those of Table 1 times the numbers of `units.scale_of`: for a robot, they use the same
+share of a motor's torque limit along its default course, or scale with the reach. Encoders are noisy in half of the
+lanes, in half of these only by rounding errors; torques are delayed in a quarter of them, by 0.5 to 2 control periods.
+Lanes that need more than nine tenths of the torque limits are drawn again, because infeasible motions teach nothing.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ class TravelForce:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Courses:
-    """Lanes with their draws."""
+    """The drawn plants, loads, sensors and references of lanes."""
 
     lanes: Lanes  # the arms
     start: np.ndarray  # (lanes, 4 n) where episodes begin; nan: at rest on the reference
@@ -224,7 +223,7 @@ def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturba
 
 
 def _rest(arm: AnyArm, reference: Reference) -> np.ndarray:
-    """Return where the nominal arm rests at the beginning of a reference (4 n,) [rad, rad/s]."""
+    """Return the nominal arm's state at rest at the beginning of a reference (4 n,) [rad, rad/s]."""
     q = reference.sample(0.0).q
     still = np.zeros(len(q))
     weight = gravity(arm, q) if isinstance(arm, Robot) else rigid_inverse_dynamics(q, still, still, arm_constants(arm))

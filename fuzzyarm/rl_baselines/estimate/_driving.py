@@ -1,4 +1,4 @@
-"""Chunks of experience: the student drives the lanes of `Courses`, the teacher says what it would have done."""
+"""Chunks of experience: the student drives the lanes of `Courses`, and the teacher labels every step."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RESTARTS = 0.5  # share of the lanes that begin an episode again with each chun
 
 
 class Chunk(NamedTuple):
-    """Experience to learn from."""
+    """Experience for learning."""
 
     z: torch.Tensor  # (steps, lanes, numbers of z)
     c: torch.Tensor  # (steps, lanes, numbers of c)
@@ -33,13 +33,13 @@ class Chunk(NamedTuple):
     memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step
 
     def window(self, segment: int, steps: int) -> Chunk:
-        """Return so many steps from the beginning of a segment on."""
+        """Return a number of steps from the beginning of a segment."""
         where = slice(SEGMENT * segment, SEGMENT * segment + steps)
         return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 
 
 class Drive:
-    """Lanes that a student drives, chunk after chunk; the generator is of noise and plants.
+    """Lanes that a student drives, chunk by chunk; the generator draws noise and plants.
 
     Attributes:
         lost: episodes that ended before their reference.
@@ -59,7 +59,7 @@ class Drive:
         self.lost, self.error = 0, 0.0
 
     def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
-        """Drive so many control periods; some lanes begin again."""
+        """Drive for a number of control periods; some lanes restart."""
         self._begins |= self._generator.random(self._lanes.count) < _RESTARTS
         self._restart()
         count, limit, part = self._lanes.count, self._limit, policy.seen
@@ -90,7 +90,7 @@ class Drive:
         return read
 
     def _late(self, torque: np.ndarray) -> np.ndarray:
-        """Return what the motors apply (lanes, n) [N m]: the torques of each lane, late."""
+        """Return the motors' torques (lanes, n) [N m]: those of each lane, delayed."""
         self._sent = np.concatenate([torque[np.newaxis], self._sent[:-1]])
         self._sent[1:, self._begins] = torque[self._begins]
         delay, lane = self._courses.delay, np.arange(len(torque))
@@ -100,7 +100,7 @@ class Drive:
         return arrived
 
     def _step(self, torque: np.ndarray) -> float:
-        """Advance all lanes, begin again where an episode ended, and return the mean squared tip error [m²]."""
+        """Advance all lanes, restart ended episodes, and return the mean squared tip error [m²]."""
         observation, _, scalars = self._lanes.step(torque)
         self._observation = observation.copy()
         self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)

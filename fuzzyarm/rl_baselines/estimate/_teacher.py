@@ -1,8 +1,8 @@
-"""The teacher: the law of the adaptive observer, given the true state, plant, load and lateness.
+"""The teacher: the law of the adaptive observer, given the true state, plant, load and delay.
 
-Its state is that of the arm, its beliefs p are those that give the constants of the arm as it is, payload included,
-and the lateness of the lane; the force is known at the last samples, now, and at the next one, so that the motors
-follow a changing force in time. The student has to learn the difference from its torque.
+Its state is the arm's, its beliefs p are the true constants, payload and delay of the lane; the force is known at the
+last, current and next samples, so that the motors follow a changing force in time. The student has to learn the
+difference from its torque.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Teacher:
     def torque(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return u* (lanes, n) [N m], within its limits, before the step for observations (lanes, 5 n).
 
-        `memory` (lanes, ·) is that of the student's adaptive observer: the torques on their way are used. Where its
-        filter has diverged these are unknown, and u* is nan.
+        `memory` (lanes, ·) is that of the student's adaptive observer: the torques on their way are used. If its filter
+        has diverged these are unknown, and u* is nan.
         """
         known = np.stack([self._force(ahead) for ahead in _SAMPLES], axis=1)
         torque = np.empty((len(observation), len(self._limit)))
@@ -61,14 +61,14 @@ class Teacher:
         return wanted
 
     def beliefs(self) -> np.ndarray:
-        """Return z (lanes, numbers of z) as it is, but for the force."""
+        """Return the true z (lanes, numbers of z), except for the force."""
         s = self._settings
         p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]
         return np.hstack([self._lanes.numbers(slice(size(self._physics.State))).T, p])
 
     def _numbers(self) -> np.ndarray:
-        """Return the numbers (lanes, k) of the arms as they are, of which beliefs are affine, see `adaptive.belief`."""
+        """Return the true numbers (lanes, k) of the arms, which are affine in the beliefs, see `adaptive.belief`."""
         lanes, physics = self._lanes, self._physics
         if physics is two_joints():
             return np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
@@ -78,7 +78,7 @@ class Teacher:
         return np.stack(np.broadcast_arrays(*flat(plant), self._payload), axis=-1)
 
     def _force(self, ahead: int) -> np.ndarray:
-        """Return the tip force (lanes, axes) [N] so many control periods from now, within the episode."""
+        """Return the tip force (lanes, axes) [N] some control periods from now, within the episode."""
         clock, lanes = self._lanes.clock, self._lanes
         rows = lanes.table[np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
         mean, change = np.split(rows[:, self._force_at], 2, axis=1)

@@ -4,7 +4,7 @@ A gradient step lowers the mean over a window of
 
     √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
 
-with ρ* what the teacher's torque has beyond u_b, in units of R. A training takes minutes and is not resumed; the same
+with ρ* the teacher's torque beyond u_b, in units of R. A training run takes minutes and cannot be resumed; the same
 seed gives the same network on the same machine.
 """
 
@@ -48,7 +48,7 @@ _NEWEST = 3  # one gradient step in so many is from the newest chunk
 class _Student(torch.nn.Module):
     """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
 
-    `hidden` numbers are in h, `modulation` in tanh(P c). V, G and D begin at zero, so the residual does.
+    h has `hidden` numbers and tanh(P c) has `modulation`. V, G and D begin at zero, and so does the residual.
     """
 
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
@@ -122,7 +122,7 @@ class EstimateTraining:
         """Train to the end and return the bundle.
 
         Raises:
-            ValueError: the loss is not finite any more.
+            ValueError: the loss is no longer finite.
         """
         config, began = self.config, time.process_time()
         replay: deque[Chunk] = deque(maxlen=config.replay)

@@ -29,7 +29,7 @@ def moments(*values):
 
 WRONG = [
     (JOINT, {"axis": (0.0, 0.0, 2.0)}, "joint 'elbow': axis = .* has length 2; it must be a unit vector"),
-    (JOINT, {"rotation": moments(1.0, 1.0, -1.0)}, "joint 'elbow': rotation = .* is no rotation"),
+    (JOINT, {"rotation": moments(1.0, 1.0, -1.0)}, "joint 'elbow': rotation = .* is not a rotation"),
     (JOINT, {"angle_range": (1.0, 1.0)}, "joint 'elbow': angle_range = .* is empty"),
     (JOINT, {"velocity_limit": 0.0}, r"joint 'elbow': velocity_limit = 0.0 rad/s is out of range; allowed: \(0,"),
     (JOINT, {"link": None}, "joint 'elbow': link = None must be a"),
@@ -171,7 +171,7 @@ def test_urdf_with_an_overlay(tmp_path):
         (MASSLESS, "", ("j1", "j2", "j3"), "joint 'j3' turns link 'd', which has no inertia: give the link an <iner"),
         (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the overlay"),
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
-        (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is no link or site"),
+        (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is not a link or site"),
         (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` names j9; the joints of the model are: j1, j2"),
         ('<include file="/etc/passwd"/>', "", ("j1",), "it has an element <include>"),
     ],

@@ -262,7 +262,7 @@ def test_every_metric_says_what_it_is_and_a_name_that_is_taken_is_refused():
         assert metric.description.endswith(".")
         assert name.endswith({"mm": "_mm", "mrad": "_mrad", "µs": "_us"}.get(metric.unit, ""))
     assert [name for name, metric in METRICS.items() if not metric.reproducible] == ["predict_us"]
-    with pytest.raises(ValueError, match="there is a metric 'energy' already"):
+    with pytest.raises(ValueError, match="metric 'energy' already exists"):
         add_metric(dataclasses.replace(METRICS["energy"], unit="kJ"))
 
 

@@ -131,7 +131,7 @@ def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
     capsys.readouterr()
     shutil.copy(SHIPPED / "fuzzy-2.json", mine)
     assert main(["evaluate", "--check", "results.json"]) == 2
-    assert "mine.json-tip is not the one that was measured: mine.json has another content" in one_line_error(capsys)
+    assert "mine.json-tip is not the measured one: mine.json has another content" in one_line_error(capsys)
     mine.unlink()
     assert main(["evaluate", "--check", "results.json"]) == 2
     assert "mine.json-tip is neither in the current folder nor beside the results" in one_line_error(capsys)
@@ -179,13 +179,13 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     assert main(arguments) == 2
     assert f"if you trust it, add --policy {name}" in one_line_error(capsys)
     assert main([*arguments, "--policy", name, "--policy", "my_checked:Other"]) == 2
-    assert "--policy my_checked:Other: beside --check it only permits code" in one_line_error(capsys)
+    assert "--policy my_checked:Other: with --check it only permits code" in one_line_error(capsys)
     assert "my_checked" not in sys.modules
     assert main([*arguments, "--policy", name]) == 0
     assert "rows agree" in capsys.readouterr().out
     source.write_text(LAW + "# changed\n")
     assert main([*arguments, "--policy", name]) == 2
-    assert f"policy {name} is not the one that was measured: my_checked.py" in one_line_error(capsys)
+    assert f"policy {name} is not the measured one: my_checked.py" in one_line_error(capsys)
     del sys.modules["my_checked"]
 
 
@@ -194,7 +194,7 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     [
         *((words, f"leave out {words[0]}") for words in (["--case", "nominal"], ["--robot", "arm.toml"], ["--json"])),
         (["--seeds", "0"], "leave out --seeds"),
-        (["--policy", "fuzzy-4"], "--policy fuzzy-4: beside --check"),
+        (["--policy", "fuzzy-4"], "--policy fuzzy-4: with --check"),
     ],
 )
 def test_options_that_the_file_decides_are_refused(folder, document, capsys, options, message):
@@ -210,14 +210,14 @@ BROKEN = {
     "no certificates": (replaced(["certificates"], {}), "'fuzzy-4' is missing"),
     "a policy": (replaced(["config", "policies", 0], 4), "got `int` at `config.policies[0]`"),
     "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),
-    "many seeds": (replaced(["config", "seeds"], 10**12), "4 rows are not one for each policy, case and seed"),
+    "many seeds": (replaced(["config", "seeds"], 10**12), "4 rows do not cover each policy, case and seed once"),
     "noise": (replaced(["config", "encoder_noise"], [-1.0, 0.0]), "EncoderNoise.position = -1.0"),
     "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass[0] = "),
     "an unknown key of the arm": (replaced(["config", "parameters", "colour"], "red"), "unknown field colour"),
     "a row of another": (replaced(["results", 0, "seed"], 1), "where the row of ('nominal', 'fuzzy-4', 0) belongs"),
     "no error": (replaced(["results", 0, "tip_error_rms_mm"], None), "a row lacks tip_error_rms_mm"),
     "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) = 'much'"),
-    "infinity": (replaced(["results", 0, "energy"], float("inf")), "Infinity is no number of JSON"),
+    "infinity": (replaced(["results", 0, "energy"], float("inf")), "Infinity is not a JSON number"),
     "completed": (replaced(["results", 0, "completed"], "yes"), "completed = 'yes'"),
 }
 

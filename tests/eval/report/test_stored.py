@@ -69,7 +69,7 @@ def truncated(folder):
         (lambda folder: (folder / "rollouts.npz").unlink(), "the evaluation was interrupted; run fuzzyarm evaluate -"),
         (truncated, "rollouts.npz is damaged"),
         (half_a_number, "tip_error_max_mm of fuzzy-4 in case machining is "),
-        (lambda folder: change(folder, rollouts_sha256="0" * 64), "results.json are of different evaluations"),
+        (lambda folder: change(folder, rollouts_sha256="0" * 64), "results.json come from different evaluations"),
         (lambda folder: change(folder, versions={"fuzzyarm": "0.0.1"}), "was made by fuzzyarm 0.0.1, this is "),
     ],
 )
@@ -92,7 +92,7 @@ def test_episodes_that_were_not_asked_for(evaluation, tmp_path, capsys):
     change(folder, config=document["config"] | {"cases": ["machining", "nominal"]})
     assert "where the row of ('machining', " in refusal(folder, capsys)
     change(folder, results=sorted(document["results"], key=lambda row: row["case"]))
-    assert "other episodes" in refusal(folder, capsys)
+    assert "does not hold the episodes of its configuration" in refusal(folder, capsys)
 
 
 FIELDS = [field.name for field in dataclasses.fields(Rollout)]

@@ -108,7 +108,7 @@ def test_a_gain_without_limit_is_none() -> None:
 
 def test_two_files_of_one_name_would_be_one_row(tmp_path: Path) -> None:
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
-    with pytest.raises(ValueError, match="two of them have the same name"):
+    with pytest.raises(ValueError, match="two of them share a name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
 
 

@@ -1,12 +1,12 @@
 """The adaptive observer with its adaptation frozen: the loop whose margins `fuzzyarm margins` measures.
 
 The constants of the arm, the payload and the delay stay at p_0; state and tip force are corrected with the gains
-that the filter has along the paper's path without load or noise, taken at the nearest posture:
+that the filter has along the paper's path without load or noise, at the nearest posture:
 
     (x, F) ← (x, F) + L (y - (θ, θ̇)).
 
-The force along the path is part of F, in the direction of travel there. This is a linear loop at a posture, which the
-adapting one is not: with its adaptation on, the policy bears more, and for as long as it is excited.
+The force along the path is part of F, in the direction of travel there. Unlike the adapting loop, this loop is linear
+at a posture. With adaptation the policy tolerates more, as long as it is excited.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class FrozenObserver(LawPolicy):
     """The frozen loop; see the module's docstring."""
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Take the gains that `policy` has along the paper's path, and predict an arm without dry friction."""
+        """Use the gains of `policy` along the paper's path, and predict an arm without dry friction."""
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop

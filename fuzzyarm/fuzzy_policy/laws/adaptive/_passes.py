@@ -1,25 +1,25 @@
-"""Repeated passes over a path: the adaptive observer expects in the next pass the load that it found in the last.
+"""Repeated passes over a path: the adaptive observer predicts the load of the next pass from the last.
 
-A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
-with the constants of the arm, the payload and the delay as they stand at the end, which tip force explains all that
-was measured? What f of `_Smoother` adds to the force that was expected gives that of pass j,
+A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` finds the tip
+force that explains all measurements, given the final estimates of the arm's constants, the payload and the delay. The
+force of pass j is the expected force plus f of `_Smoother`,
 
-    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
+    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a zero-phase Butterworth filter,
 
 with the direction of travel t. The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces
-as they were estimated while the constants moved would count twice what went from a force to the payload.
+estimated while the constants changed would count twice any part moved from a force to the payload.
 
-How much of F_1 is a payload follows from how F_1 varies. F_1 is linear in the payload m that is taken for granted,
-F_1(m) = F_1(m_0) + (m - m_0) G, and the passes go on with the payload whose force varies least in total,
+How much of F_1 is a payload follows from how F_1 varies. F_1 is linear in the assumed payload m,
+F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload whose force has the smallest total variation,
 
     min_{m ≥ 0} Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
 
-A force that stands for a payload swings with the accelerations of the tip, and so does one beside a payload that is not
-there. Later passes swing too little to tell. A negative payload, which the filter allows for where links are lighter
-than known, would explain a pass too, but the regulator that it schedules loses an arm that is not so light.
+A force that represents a payload varies with the accelerations of the tip, and so does one estimated with a wrong
+payload. Later passes vary too little to decide. A negative payload, which the filter allows for where links are lighter
+than known, could also explain a pass, but the regulator scheduled by it loses an arm that is not so light.
 
-A pass that leaves the path of the pass before expects no force any more, since forces are known by sample, and not by
-place; payload, constants and delay stay as they were taught. The pass after it begins with nothing learned.
+A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
+position; payload, constants and delay keep their learned values. The pass after it starts without learning.
 """
 
 from __future__ import annotations
@@ -103,10 +103,9 @@ class AdaptivePasses(PassLearner):
     def begin_pass(self, state: PassState) -> PassState:
         """Return the state with which the next pass begins, see `PassLearner`.
 
-        It keeps what the filter believes of the constants of the arm and of the delay, the payload, and the force to
-        expect at each sample. Everything else begins again: motors and links, what the force deviates from the expected
-        one, commands, noise. A lane whose filter has diverged, or that has left the path of the pass before, keeps
-        nothing.
+        It keeps the filter's estimates of the arm's constants, delay and payload, and the expected force at each
+        sample. Everything else is reset: motors and links, the deviation of the force, commands, noise. A lane whose
+        filter has diverged, or that has left the previous pass's path, keeps nothing.
         """
         state = self._checked(state)
         if not state.references:
@@ -194,7 +193,7 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
 
 
 class _Notes(NamedTuple):
-    """What the forward pass keeps of a sample; n joints, N numbers of z, of which s are the first."""
+    """Data that the forward pass stores per sample; n joints, N numbers of z, of which s are the first."""
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)
@@ -217,11 +216,10 @@ class _Seen(NamedTuple):
 class _Smoother:
     """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
 
-    s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm,
-    the payload and the delay are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
-    which f walks; at the first sample the links are as fast as the motors, and stand where the filter took them to
-    stand. Backward (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in
-    reverse order
+    s = (x, f) with x of the elastic arm and the forces f = (f_t, F) added to the expected one; the constants of the
+    arm, the payload and the delay are given and fixed. Forward it is the filter of `filter` without gate and dead zone,
+    in which f walks; at the first sample the links have the motors' velocities and the filter's angles. Backward
+    (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in reverse order
 
         λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
 
@@ -246,7 +244,7 @@ class _Smoother:
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
 
-        Constants, payload and delay are those of a memory (lanes, memory_size); `lanes` says which are some of them.
+        Constants, payload and delay come from a memory (lanes, memory_size); `lanes` selects lanes.
         """
         chosen = np.flatnonzero(lanes)
         groups = [slice(first, first + _TOGETHER) for first in range(0, len(chosen), _TOGETHER)]

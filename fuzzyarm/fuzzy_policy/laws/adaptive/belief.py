@@ -4,13 +4,13 @@
 
 The load is a force f_t along the reference's tip velocity, a free force F at the tip and a payload m_p there. k, β, φ,
 μ and ι are factors, one for each joint, of stiffness, damping, dry friction, link mass and inertia, and motor inertia.
-w is a torque that acts beside that of each motor, and d the time from a command to the motors, in control periods.
+w is a torque added to that of each motor, and d the delay from a command to the motors, in control periods.
 
 The equations of the arm take numbers a that are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0). For the
 two-joint arm they are the constants of its equations. The constants of a robot are not affine in its masses; its
 numbers are those of the `Plant`, then a mass at the tip [kg], and the constants follow from them.
 
-How uncertain p is beforehand, and what an error costs, is stated in `AdaptiveWeights`: torques in shares of the arm's
+`AdaptiveWeights` states the prior uncertainty of p and the cost of errors: torques in shares of the arm's
 `torque_limit`, joint by joint, and forces in shares of `unit_force`, so that the same weights fit arms of another size.
 """
 
@@ -128,7 +128,7 @@ def belief_of(physics: Physics) -> _Belief:
 
 
 class _Prior(NamedTuple):
-    """What is known of p beforehand; each part is an array (numbers of p,)."""
+    """The prior of p; each part is an array (numbers of p,)."""
 
     guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins

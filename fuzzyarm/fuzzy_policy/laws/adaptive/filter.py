@@ -1,4 +1,4 @@
-"""The extended Kalman filter of the adaptive observer, and how far it trusts itself.
+"""The extended Kalman filter of the adaptive observer, and the confidence in its estimates.
 
 z = (x, p) with x = (θ, q, θ̇, q̇) of the elastic arm and p of `belief`; P is the covariance of its error. Everything is
 recorded and works in place on one lane's arrays; the sizes follow from the arrays.
@@ -7,30 +7,30 @@ recorded and works in place on one lane's arrays; the sizes follow from the arra
               z ← z + P_y ν/s,   P ← P - P_y P_yᵀ/s,
     predict   x ← what the arm of p does of x in a control period,   P ← F P Fᵀ + Q.
 
-`gate` makes a sample that nothing explains count less (Huber). The constants of the arm learn only the share
+`gate` reduces the weight of outliers (Huber). The constants of the arm adapt only by the share
 
     λ = max(0, 1 - a/ν²)
 
-of a correction, a a multiple of the noise's variance: samples that the sensors' noise alone may explain teach them
-nothing. Without this dead zone the estimated stiffness drifts with the noise, because the noise in the estimated
-bending correlates with that in the innovation. The covariance of such a partial correction is that of the partial
-update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
+of a correction, a a multiple of the noise's variance: samples that sensor noise alone can explain do not change them.
+Without this dead zone the estimated stiffness drifts with the noise, because the noise in the estimated bending
+correlates with that in the innovation. The covariance of such a partial correction is that of the partial update of
+Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
-Forces stray little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
+Forces drift little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
 means are over the last ten samples or so:
 
     s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
 Corrections by noise point anywhere, so that s is about 0.05; those by a force that moves have one direction, and s
-goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
-forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
-grows by that of `reopening` seconds of walk, which it would have had without calm.
+goes to 1, however small they are. The ratio needs no variance of any sensor. Calm rises slowly and falls immediately.
+The forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance
+also grows by that of `reopening` seconds of walk, which it would have had without calm.
 
 A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
-of the commands that are on their way. A wrong torque constant or delay acts through such jumps, and what it does to
-the motors would be taken for a load that is answered by a larger jump.
+of the commands that are on their way. A wrong torque constant or delay acts through such jumps, and its effect on the
+motors would be mistaken for a load and answered by a larger jump.
 
-A filter may become sure of a wrong delay. Where the innovations are larger than it expects, the delay is doubted:
+A filter may converge to a wrong delay. Where the innovations are larger than it expects, the delay is doubted:
 a sample whose ν²/s is on average 1 + a adds `_LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
 that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
 
@@ -45,10 +45,10 @@ payload, the first numbers of p, l_0 their first guess, and x the state:
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
 
 ρ is the share of the estimated noise in the variance that the filter expects of a measured angle, the largest
-of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly smaller than it
-is believed (the positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a
-direction calm is 0, and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a.
-The filter itself goes on with x and l.
+of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly reduced (the
+positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a direction calm is 0,
+and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a. The filter itself continues with x
+and l.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ class Room:
 
 
 def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
-    """Correct by a sample, and fill `acted`; nothing moves in a filter that has diverged."""
+    """Correct by a sample, and fill `acted`; a diverged filter does not change."""
     for i in each(len(room.acted)):  # of a diverged filter, too, so that every entry is known
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -258,8 +258,8 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
 def begin(m: Memory, s: Settings, room: Room) -> None:
     """Initialise z and P if the sample is the first one.
 
-    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. Constants that an earlier pass has
-    taught are kept; the loads begin again.
+    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. Constants learned in an earlier pass are kept;
+    the loads are reset.
     """
     joints = len(m.noise)
     bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
@@ -312,7 +312,7 @@ def _note_noise(m: Memory, s: Settings, room: Room) -> None:
     a vibration at ω that the commands cause is read as about (ωT)³/12 of its amplitude or less. σ² is a mean of all
     samples, from the third, which has the first change of e, until a sample's share is `_NOISE_SHARE`.
 
-    From σ² follows which variances the measured numbers have, and how much of them teaches nothing.
+    σ² determines the variances of the measurements and the dead zone.
     """
     joints, samples = len(m.noise), m.flags[FLAG.samples]
     share = maximum(_NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
@@ -356,7 +356,7 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Let a sample whose mean ν²/s is 1 + `surprise` add to the variances of the delay and of the shared factor."""
+    """Increase the variances of the delay and the shared factor by a sample whose mean ν²/s is 1 + `surprise`."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
     m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
@@ -407,8 +407,8 @@ def _confine(m: Memory, s: Settings) -> None:
 def _note_swing(m: Memory, s: Settings) -> None:
     """Update the mean of the commands' jumps, which is zero when an episode begins, by the last jump.
 
-    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
-    motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
+    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. If motors
+    are much stronger or more delayed than estimated, commands swing between limits, and w approaches 2.
     """
     jump: Any = 0.0
     for j in range(len(m.noise)):
@@ -492,7 +492,7 @@ def _solve(L: Any, b: Any, y: Any) -> None:
 def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
     """Step z and P to the next sample, while the motors apply the commands that reach them until then.
 
-    Nothing moves in a filter that has diverged; it diverges where `torque` (n,), what the law asks for, is no number.
+    A diverged filter does not change; it diverges if the law's `torque` (n,) is not a number.
     """
     joints, last = len(m.noise), len(m.z) - 1
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -522,7 +522,7 @@ def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
 
 
 def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
-    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late."""
+    """Return the mean torque [N m] of a joint over the next period for commands delayed by `lateness` periods."""
     whole = floor(lateness)
     rest = lateness - whole
     return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)

@@ -1,16 +1,16 @@
 """The torque of the adaptive observer for an estimate z: target, feedforward and regulator; the law is in `policy`.
 
 The regulator K is tabulated over the posture and over the payload. `AdaptiveWeights` were tuned for the two-joint arm,
-whose mass matrix this table follows. Where a robot's depends on more angles than that, the gains are those of a mean,
-and as sharp as they are they may be unstable in part of its range, even for a state that is known. With a factor s ≥ 1,
+whose mass matrix this table follows. If a robot's mass matrix depends on more angles, the gains are for a mean and may
+be unstable in part of its range, even with a known state. With a factor s ≥ 1,
 
     link_angle → s link_angle,    link_velocity → √s link_velocity,    first_gain → min(1, s first_gain)
 
-weaken the feedback, which then needs less of a soft start. s is the smallest of `SOFTENINGS` with which the loop of the
+weaken the feedback, and reduce the need for a soft start. s is the smallest of `SOFTENINGS` with which the loop of the
 regulator and the known state is stable at random postures, with joints as stiff as known and 20 % softer and stiffer.
 
-An episode begins with a share of K: it is so sharp that motors stronger or later than known swing against it until the
-filter knows them better, and their first tens of milliseconds are where an arm is lost.
+An episode begins with a share of K. With the full K, motors stronger or more delayed than modelled would oscillate
+until the filter adapts, and an arm can be lost in these tens of milliseconds.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _PAYLOADS = 6
 
 @functools.lru_cache(maxsize=32)
 def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
-    """Return the default weights for an arm and T [s]: those of Table 1, softened for a robot, see above."""
+    """Return the default weights for an arm and T [s]: those of Table 1, softened for a robot as described above."""
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
@@ -101,7 +101,7 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
 def _gain_share(m: Memory, s: Settings) -> Any:
     """Return the share of K at this sample: `first_gain` in the soft start, then growing to 1 in as long again.
 
-    It is 1 at once where an earlier pass has taught how strong and how late the motors are.
+    It is 1 immediately if an earlier pass has learned the strength and delay of the motors.
     """
     past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
     share = s.weights.first_gain + (1.0 - s.weights.first_gain) * minimum(maximum(past, 0.0), 1.0)

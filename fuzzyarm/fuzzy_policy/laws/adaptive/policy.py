@@ -9,11 +9,11 @@ that bends the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last sample
 control periods ahead, when the command reaches the motors: x by the commands on their way, x_d by its derivatives. K is
 a linear quadratic regulator over posture and payload, see `law`.
 
-The estimated payload is no measurement of a payload: masses and forces share a load.
+The estimated payload is not a measurement, because masses and forces share a load.
 
-A filter that has diverged says so (`Beliefs.diverged`), and `Policy.act` answers with the law `fallback` from then on.
-So does one whose commands swing (`AdaptiveWeights.largest_swing`): motors much stronger or later than believed make the
-loop unstable sooner than the filter finds out.
+A diverged filter sets `Beliefs.diverged`, and `Policy.act` uses the law `fallback` from then on. So does a filter whose
+commands oscillate (`AdaptiveWeights.largest_swing`): motors much stronger or more delayed than estimated make the loop
+unstable before the filter detects it.
 """
 
 from __future__ import annotations

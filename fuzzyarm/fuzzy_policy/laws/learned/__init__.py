@@ -1,1 +1,1 @@
-"""Learned policies in the form in which they are shipped: features, network and files, without a learning library."""
+"""Learned policies as they are shipped: features, network and files, without a learning library."""

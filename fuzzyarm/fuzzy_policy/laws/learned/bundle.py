@@ -1,7 +1,7 @@
 """A learned policy as a folder: ``policy.json`` with everything but the weights, and ``weights.safetensors``.
 
-A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled. The digest of
-the weights stands in ``policy.json``.
+A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled.
+``policy.json`` holds the digest of the weights.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class BundleError(ValueError):
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
     """Write a bundle atomically, its arrays in single precision; an existing bundle is replaced.
 
-    ``weights_sha256`` of the description is filled in. ValueError if the folder exists and is no bundle; OSError if it
-    cannot be written, and what was there is left as it was.
+    ``weights_sha256`` of the description is filled in. ValueError if the folder exists and is not a bundle; OSError if
+    it cannot be written, with existing content unchanged.
     """
     # Imported here: reading a definition needs no safetensors.
     from safetensors.numpy import save
 
     if folder.exists() and not (folder / DESCRIPTION).is_file():
-        raise ValueError(f"{folder} exists and is no policy bundle; choose another folder")
+        raise ValueError(f"{folder} exists and is not a policy bundle; choose another folder")
     weights = save({name: np.ascontiguousarray(array, dtype=np.float32) for name, array in tensors.items()})
     sealed = {**description, "weights_sha256": hashlib.sha256(weights).hexdigest()}
     text = json.dumps(sealed, indent=1, allow_nan=False)
@@ -75,15 +75,15 @@ def read_bundle(
     """Read a bundle and return `build` of its description, its arrays by name and the fields of `Trained`.
 
     BundleError if a file is missing, too large or damaged, not of this schema, the digest of the weights differs, an
-    array is not in single precision, or the parts do not go together.
+    array is not in single precision, or the parts do not fit together.
     """
     path = folder / DESCRIPTION
     content = _content(path)
     try:
         description: Any = record(_without_off(check_schema(content, schema)), kind)
     except ValueError as error:
-        raise BundleError(f"{path} is no description of a policy: {error}; train it again") from None
-    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
+        raise BundleError(f"{path} is not a description of a policy: {error}; train it again") from None
+    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is not a policy of this package")
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(
             f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
@@ -94,7 +94,7 @@ def read_bundle(
         trained = {field.name: getattr(description, field.name) for field in dataclasses.fields(Trained)}
         return build(description, tensors, trained | {"seed": whole("seed", description.seed)})
     except (TypeError, ValueError, OverflowError) as error:
-        raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
+        raise BundleError(f"{folder} is not a usable policy bundle: {' '.join(str(error).split())}") from None
 
 
 # Settings of actions beside an observer, which are gone, at the values that turn them off: shipped files state them.
@@ -118,7 +118,7 @@ def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
     if length > _LARGEST_HEADER:
         raise ValueError(f"{WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
     try:
-        parse_json(content[_LENGTH : _LENGTH + length])  # refuses what stands twice, which the library does not
+        parse_json(content[_LENGTH : _LENGTH + length])  # refuses what occurs twice, which the library does not
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
@@ -144,7 +144,7 @@ def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> A
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trained:
-    """Where a learned policy comes from, a record for the reader."""
+    """The origin of a learned policy, for the reader."""
 
     training: dict[str, Any] = dataclasses.field(default_factory=dict)  # the settings of its training
     seed: int = 0  # of that training
@@ -165,9 +165,9 @@ _PAPERS_JOINTS = 2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PolicyBundle(Trained):
-    """A learned policy and where it comes from.
+    """A learned policy and its origin.
 
-    ValueError if the network has not one input per feature and one output per joint, or if features and action are for
+    ValueError unless the network has one input per feature and one output per joint, or if features and action are for
     different numbers of joints.
     """
 
@@ -181,7 +181,7 @@ class PolicyBundle(Trained):
         if self.features.joints != joints:
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
-            raise ValueError(f"it is for {joints} joints and does not say of which arm")
+            raise ValueError(f"it is for {joints} joints but does not name the arm")
         found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
             text = "the network has {} inputs and {} outputs; the definitions ask for {} and {}"

@@ -1,6 +1,6 @@
-"""What a learned policy sees and does, as data: the part of a bundle that states it.
+"""Data that define the observations and actions of a learned policy, as part of a bundle.
 
-Nothing here loads what acts, so that the command line can read these definitions quickly.
+This module loads no policy code, so that the command line can read these definitions quickly.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _LONGEST_MEMORY = 1e6  # s
 
 @dataclasses.dataclass(frozen=True)
 class FeatureDefinition:
-    """Which features there are, and their scales, in the letters of `laws.learned.features`; stated in every bundle."""
+    """The features and their scales, in the notation of `laws.learned.features`; part of every bundle."""
 
     past_errors: int = 2  # n, how many past errors are remembered, 0 to 100
     past_actions: int = 2  # m, how many past actions, 0 to 100
@@ -64,7 +64,7 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0`` with so many past errors and actions, and then the integral."""
+    """Return the features of ``FuzzyArmLearn-v0`` with past errors and actions, and the integral if there are any."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
@@ -113,7 +113,7 @@ class ActionDefinition:
 
 @dataclasses.dataclass(frozen=True)
 class ArmDefinition:
-    """Which arm a policy was trained for."""
+    """The arm that a policy was trained for."""
 
     name: str  # of the robot
     digest: str  # of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot

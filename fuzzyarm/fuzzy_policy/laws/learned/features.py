@@ -42,7 +42,7 @@ __all__ = ["Features", "Lanes", "guided", "learning_action"]
 
 
 class _Remembered(NamedTuple):
-    """What the features remember of a lane; errors, actions and excess hold a tuple per instant, newest first."""
+    """The memory of the features of a lane; errors, actions and excess hold a tuple per instant, newest first."""
 
     errors: Any  # e [rad]
     actions: Any  # a
@@ -60,7 +60,7 @@ class Features:
     ) -> None:
         """Take the definition, T [s] between two actions, and the arm (default Table 1).
 
-        `friction` says whether u_ff includes the dry friction. TypeError or ValueError if the period is no positive
+        `friction` says whether u_ff includes the dry friction. TypeError or ValueError if the period is not a positive
         number, or the features are for another number of joints.
         """
         self.definition, self.period, d = definition, real("period", period, "s", above=0.0), definition
@@ -83,7 +83,7 @@ class Features:
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
     def told(self, memory: _Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
-        """Return what the elastic target remembers next, u_ff [N m], and what the motors shall do."""
+        """Return the elastic target's next memory, u_ff [N m], and the motors' reference."""
         if self._target is None:
             return memory.target, memory.feedforward, Aim(*seen[2:])
         past, aim, feedforward = self._target.of(memory.target, seen, self._target.constants)
@@ -160,7 +160,7 @@ def guided(base: Policy | None, name: str | None = None) -> Law:
 
 
 class Lanes:
-    """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
+    """Features, and the guided base if there is one, of many lanes, as stepped by a training."""
 
     def __init__(self, features: Features, base: Law) -> None:
         d = features.definition

@@ -6,8 +6,8 @@ where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaus
 mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
 
 tanh, the logistic function and asinh are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and
-not taken from the C library, whose last digits differ from one machine to the next. A policy is then the same numbers
-everywhere, also in exported C.
+not taken from the C library, whose last digits differ from one machine to the next. A policy then gives the same
+numbers everywhere, including in exported C.
 
 A recurrent network has a long short-term memory in front of these layers (`cell`), as torch and
 stable-baselines3-contrib have it. Its output h is then h_0. With the normalised features x = clip((f - mean)/std, ±c)
@@ -115,7 +115,7 @@ _LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory i
 
 
 def real_array(name: str, array: Any, axes: int) -> None:
-    """Check that something is an array of real numbers with so many axes; TypeError or ValueError otherwise."""
+    """Check that a value is an array of real numbers with `axes` axes; TypeError or ValueError otherwise."""
     if instance(name, array, np.ndarray).dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")
     if array.ndim != axes:
@@ -146,7 +146,7 @@ class Cell:
 
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """What `advance` takes, in double precision: the matrices transposed, and b."""
+        """The arguments of `advance` in double precision: the transposed matrices, and b."""
         arrays = self.weight_x.T, self.weight_h.T, self.bias
         return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
 
@@ -221,7 +221,7 @@ class Network:
 
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """What `outputs` takes, in double precision: mean, std, the arrays of the cell, W_i^T and b_i of each layer."""
+        """Arguments of `outputs`, in double precision: mean, std, the cell's arrays, W_i^T and b_i of each layer."""
         layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
         cell = () if self.cell is None else self.cell.tables
         return tuple(np.array(part, dtype=np.float64, order="C") for part in (self.mean, self.std, *cell, *layers))

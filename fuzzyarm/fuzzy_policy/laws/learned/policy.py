@@ -21,9 +21,8 @@ class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
-    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything that is
-    remembered between calls: for how many calls the action has been held, the action, and the memories of the features,
-    of the base and of a recurrent network.
+    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds the number of calls
+    since the action was computed, the action, and the memories of the features, of the base and of a recurrent network.
     """
 
     def __init__(
@@ -38,8 +37,8 @@ class LearnedPolicy(LawPolicy):
         """Make the policy of a bundle for T [s], a divisor of the action period, and the arm it was trained for.
 
         `base` is the policy that ``bundle.action.base`` names, for the same control period. `friction` says whether the
-        torque that an unloaded arm needs, if it is among the features, includes the dry friction. ValueError if the
-        periods do not fit, or the base is missing, not asked for, or for another period.
+        unloaded arm's torque in the features, if any, includes dry friction. ValueError if the periods do not fit, or
+        the base is missing, not asked for, or for another period.
         """
         self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)

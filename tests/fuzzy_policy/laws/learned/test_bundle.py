@@ -50,7 +50,7 @@ DAMAGES = (
     (edited(seed="gone"), "missing required field `seed`"),
     (edited(run="rm"), "unknown field run"),
     (edited("network", mean=["1"] * 20), r"Expected `float`, got .* at `network\.mean"),
-    (edited("network", std=[float("nan")] * 20), "NaN is no number"),
+    (edited("network", std=[float("nan")] * 20), "NaN is not a JSON number"),
     (edited("network", std=[0.0] * 20), "std must be positive"),
     (edited("network", mean=[0.0] * 19), r"std has shape \(20,\); allowed: \(19,\)"),
     (edited("network", sizes=[20, 2]), r"policy.json says \[20, 2\]"),
@@ -98,7 +98,7 @@ def test_saving_replaces_a_bundle_and_nothing_else(folder, tmp_path):
     bundle(seed=1).save(folder)
     assert PolicyBundle.load(folder).network.weights[0][0, 0] == bundle(seed=1).network.weights[0][0, 0]
     (tmp_path / "papers").mkdir()
-    with pytest.raises(ValueError, match="exists and is no policy bundle"):
+    with pytest.raises(ValueError, match="exists and is not a policy bundle"):
         bundle().save(tmp_path / "papers")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "papers"]
 

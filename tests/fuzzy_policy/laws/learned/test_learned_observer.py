@@ -212,7 +212,7 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
         (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
         (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
         (edited(control_period=5.0), "control_period"),
-        (edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}), "it names no arm, or two"),
+        (edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}), "it must name one arm"),
     ],
 )
 def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):
@@ -234,7 +234,7 @@ def test_a_bundle_of_a_robot_is_refused_for_any_other(tmp_path):
     EstimateBundle(estimate_network(3, 3), ArmDefinition(PLANAR.name, PLANAR.digest), PERIOD).save(folder)
     assert EstimateBundle.load(folder).serves(dataclasses.replace(PLANAR, name="the same numbers"))
     for robot in ("ur5", "paper", dataclasses.replace(PLANAR, gravity=(9.8, 0.0, 0.0))):
-        with pytest.raises(ValueError, match="mine was trained on planar-3r and knows no other; take adaptive-obs"):
+        with pytest.raises(ValueError, match="mine was trained on planar-3r and works on no other; use adaptive-obs"):
             load_policy(folder, robot=robot)
 
 

@@ -105,9 +105,9 @@ def test_a_folder_is_the_policy_it_holds_and_its_base_comes_with_it(tmp_path, ac
     np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
     np.testing.assert_array_equal(torques(load_policy(str(tmp_path / "mine")), shown), expected)
     bundle(ActionDefinition((0.01, 0.01), base="/somewhere/else.json")).save(tmp_path / "strange")
-    with pytest.raises(ValueError, match="which is none of: fuzzy-32"):
+    with pytest.raises(ValueError, match="which is not one of: fuzzy-32"):
         load_policy(tmp_path / "strange")
-    with pytest.raises(ValueError, match=r"no policy, whose folder holds policy\.json and weights"):
+    with pytest.raises(ValueError, match=r"is not a policy, whose folder holds policy\.json and weights"):
         load_policy(tmp_path)
 
 
@@ -153,8 +153,8 @@ def test_a_bundle_is_for_its_arm_alone(tmp_path):
     robot_bundle(Robot.of(OTHER_ARM)).save(tmp_path / "other")
     assert load_policy(tmp_path / "other", robot=OTHER_ARM).parameters == OTHER_ARM
     for policy, robot, message in (
-        (mine, "ur5", r"^mine was trained on planar-3r and knows no other"),
-        (mine, "paper", r"^mine was trained on planar-3r and knows no other"),
+        (mine, "ur5", r"^mine was trained on planar-3r and works on no other"),
+        (mine, "paper", r"^mine was trained on planar-3r and works on no other"),
         (mine, dataclasses.replace(ROBOT, gravity=(9.8, 0.0, 0.0)), "^mine was trained on planar-3r"),
         (tmp_path / "red", "ur5", r"red was trained on \\x1b"),
         (tmp_path / "other", None, "other was trained on two-joint arm"),
@@ -168,7 +168,7 @@ def test_a_bundle_is_for_its_arm_alone(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (edited(arm="gone"), "it is for 3 joints and does not say of which arm"),
+        (edited(arm="gone"), "it is for 3 joints but does not name the arm"),
         (edited("features", joints=2), "the features are for 2 joints, the action has 3 scales"),
         (edited("features", joints=13), "joints = 13 is out of range"),
         (edited("arm", digest=7), r"at `arm.digest`"),

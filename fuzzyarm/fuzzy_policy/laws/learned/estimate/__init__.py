@@ -1,1 +1,1 @@
-"""A recurrent network beside the elastic observer: what it is, its file, and the policy."""
+"""A recurrent network added to the elastic observer: the network, its file, and the policy."""

@@ -1,4 +1,4 @@
-"""The recurrent network of `learned-observer`: from what is unexplained, and the context, to a residual torque.
+"""The recurrent network of `learned-observer`: from unexplained signals and the context to a residual torque.
 
 With z (signals that vanish where nothing is unexplained), c (context) and h (memory, zero when an episode begins), a
 gated recurrent unit whose candidate has no bias gives
@@ -8,9 +8,9 @@ gated recurrent unit whose candidate has no bias gives
     ρ = clip(m g (V (h⁺∘w) + G (h⁺∘w)∘Δ + D z), ±1),    w = 1 + W tanh(P c + p_0),
 
 with Δ = (u_a - u_o)/R, m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) of the load δ in
-z, δ_0 = `QUIET`. G says how far beyond u_a the law goes. z = 0 and h = 0 give ρ = 0 exactly, whatever the context.
-Where the elastic observer believes in no load, and at rest, it acts alone, and ρ is flat: small deviations are left to
-a loop that is stable whatever was learned.
+z, δ_0 = `QUIET`. G determines how far the law goes beyond u_a. z = 0 and h = 0 give ρ = 0 exactly, whatever the
+context. If the elastic observer estimates no load, and at rest, it acts alone, and ρ is flat: small deviations are
+handled by a loop that is stable whatever the network has learned.
 
 `EstimateBundle` is its folder: arm, control period and record of its training, and the arrays.
 """
@@ -46,7 +46,7 @@ LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refus
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the arrays by name, for `hidden` numbers in h and `modulation` in tanh(P c).
 
-    Names are those of `EstimateNetwork`, shapes (rows, columns); the arm has so many joints, its tip so many axes.
+    Names are those of `EstimateNetwork`, shapes (rows, columns), for an arm with `joints` joints and `axes` tip axes.
     """
     gates = _GATES * hidden
     unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
@@ -84,7 +84,7 @@ class Layers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
-    """The finite arrays of the module's equations, see `shapes_of`; the rows of s stand above those of r."""
+    """The finite arrays of the module's equations, see `shapes_of`; the rows of s precede those of r."""
 
     gate_z: np.ndarray  # S_z above R_z
     gate_h: np.ndarray  # S_h above R_h
@@ -108,10 +108,10 @@ class EstimateNetwork:
         for field in dataclasses.fields(self):
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
-            raise ValueError(f"U has {self.hidden} rows and P {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
+            raise ValueError(f"U has {self.hidden} rows, P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
         if len(self.V) == 0 or self.axes not in _AXES:
             needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
-            raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, as no arm; {needed}")
+            raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, which fit no arm; {needed}")
         for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():
             object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
 
@@ -195,7 +195,7 @@ def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateBundle(Trained):
-    """A learned observer and where it comes from."""
+    """A learned observer and its origin."""
 
     network: EstimateNetwork  # the recurrent network
     arm: ArmParameters | ArmDefinition  # that it was trained for: the two-joint arm, or what tells a robot from others
@@ -207,7 +207,7 @@ class EstimateBundle(Trained):
             raise ValueError(f"it is for the two-joint arm, and its network for {self.network.joints} joints")
 
     def serves(self, arm: AnyArm) -> bool:
-        """Return whether it was trained for an arm."""
+        """Return whether the observer was trained for this arm."""
         if isinstance(self.arm, ArmParameters):
             return arm == self.arm
         return isinstance(arm, Robot) and arm.digest == self.arm.digest
@@ -221,14 +221,14 @@ class EstimateBundle(Trained):
 
     @classmethod
     def load(cls, folder: str | Path) -> EstimateBundle:
-        """Read a bundle and check all of it; BundleError as of `PolicyBundle.load`."""
+        """Read and check a bundle; BundleError as in `PolicyBundle.load`."""
 
         def build(found: _Description, tensors: dict[str, np.ndarray], trained: Any) -> EstimateBundle:
             names = {field.name for field in dataclasses.fields(EstimateNetwork)}
             if set(tensors) != names:
                 raise ValueError(f"the weights hold {listed(tensors)}; needed: {', '.join(sorted(names))}")
             if (found.arm is None) == (found.parameters is None):
-                raise ValueError("it names no arm, or two: needed is one of parameters and arm")
+                raise ValueError("it must name one arm: give either parameters or arm")
             arm = found.arm or ArmParameters.from_dict(found.parameters or {})
             period = checked_period("control_period", found.control_period)
             return cls(EstimateNetwork(**tensors), arm, period, **trained)
@@ -238,7 +238,7 @@ class EstimateBundle(Trained):
 
 @dataclasses.dataclass(frozen=True)
 class _Description:
-    """The content of ``policy.json``; of the last two there is one."""
+    """The content of ``policy.json``; exactly one of the last two is present."""
 
     schema: str
     control_period: float

@@ -8,11 +8,11 @@ torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
     predict   (x̂, d̂)⁻ and the filter's prediction under u within its limits.
 
 At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
-without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
-knows of loads within milliseconds. Both know the applied torque. u_a counts up to four torque limits;
-where its filter has diverged, or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z
-and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows plant,
-load and delay, see `fuzzyarm.rl_baselines.estimate`.
+despite unknown delays and wrong loop gains. In motion under a load the adaptive observer takes over, which finds loads
+within milliseconds. Both know the applied torque. u_a is clipped to four torque limits; where its filter has diverged,
+or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z and c are those of `signals`, R
+the torques there. The network was trained by regression on a teacher that knows plant, load and delay, see
+`fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to div
 
 
 class _SeenParts(NamedTuple):
-    """Where z, c and u_b [N m] lie in what `LearnedObserverPolicy.observe` gives."""
+    """The places of z, c and u_b [N m] in the result of `LearnedObserverPolicy.observe`."""
 
     z: slice
     c: slice
@@ -58,7 +58,7 @@ class _SeenParts(NamedTuple):
 
 
 class _Memory(NamedTuple):
-    """Of a lane: what the elastic observer remembers, the last ρ, the adaptive observer's filter, and h."""
+    """The memory of a lane: that of the elastic observer, the last ρ, the adaptive observer's filter, and h."""
 
     observer: Observed
     residual: Any
@@ -67,7 +67,7 @@ class _Memory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """The law of the module's docstring; it remembers what both laws do, the last ρ, and h."""
+    """The law of the module's docstring; its memory holds the memories of both laws, the last ρ, and h."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
@@ -95,25 +95,25 @@ class LearnedObserverPolicy(LawPolicy):
         self.memory_size = self.hidden.stop
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
-        """Return this policy with another network of as many numbers in h."""
+        """Return this policy with another network of the same size."""
         other = copy.copy(self)  # without the machine code
         other.network = network
         return other
 
     def without_dry_friction(self) -> ElasticObserverPolicy:
-        """Return what acts at rest, where m is 0 whatever is measured: the elastic observer, for a smooth arm."""
+        """Return the law that acts at rest, where m is 0: the elastic observer, for a smooth arm."""
         return self.elastic.without_dry_friction()
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
+        """Return the adaptive observer's estimates at the next sample, from a state (..., memory_size) of `predict`.
 
-        Where that one's filter has diverged, or the commands have swung, the elastic observer acts alone. TypeError and
-        ValueError as of `AdaptiveObserverPolicy.beliefs`.
+        If its filter has diverged, or the commands oscillated, the elastic observer acts alone. TypeError and
+        ValueError as in `AdaptiveObserverPolicy.beliefs`.
         """
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 
     def observe(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, seen: np.ndarray) -> None:
-        """Do what `act` does, and fill `seen` (lanes, numbers of `_SeenParts`) with what the network saw."""
+        """Evaluate the law like `act`, and fill `seen` (lanes, numbers of `_SeenParts`) with the network's inputs."""
         self._observing((memory, observation, torque, seen), self._constants, self.control_law.tables)
 
     @functools.cached_property
@@ -148,7 +148,7 @@ class LearnedObserverPolicy(LawPolicy):
         return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
     def _act_of(self) -> Any:
-        """Return the law that tells z, c and u_b [N m], too."""
+        """Return the law that also returns z, c and u_b [N m]."""
         arm, settings, joints, physics = self.parameters, self.adaptive.settings, self.joints, self.elastic.where[0]
         correct, act, predict = steps_of(*self.elastic.where)
         units, turns, limit = signals.units_of(arm), signals.turns_of(arm), self.torque_limit.tolist()

@@ -1,4 +1,4 @@
-"""What the network of `learned-observer` sees: the unexplained z and the context c, each of order 1.
+"""The inputs of the network of `learned-observer`: the unexplained z and the context c, each of order 1.
 
 With the innovations ν_a and ν_o, y - ŷ⁻ of the adaptive and of the elastic observer, one number for each motor angle
 and velocity, their torques u_a and u_o, and the load l = (forces, payload) of the beliefs p,
@@ -68,7 +68,7 @@ _PARALLEL = 1e-9  # how far the cosine between parallel axes may be from 1
 
 
 class _Scale(NamedTuple):
-    """How large an arm is, in arms of Table 1: forces at its tip, masses, and lengths."""
+    """The size of an arm relative to Table 1: forces at its tip, masses, and lengths."""
 
     force: float
     mass: float
@@ -78,9 +78,9 @@ class _Scale(NamedTuple):
 def scale_of(arm: AnyArm) -> _Scale:
     """Return the scale of an arm.
 
-    Of the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
-    reach. A robot's last motors may be far weaker than its first ones: its forces and masses are those that ask for the
-    same share of a torque limit as Table 1's, see `load_scale`.
+    For the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
+    reach. A robot's last motors may be far weaker than its first ones: its forces and masses use the same share of a
+    torque limit as those of Table 1, see `load_scale`.
     """
     paper = ArmParameters()
     if isinstance(arm, Robot):
@@ -90,7 +90,7 @@ def scale_of(arm: AnyArm) -> _Scale:
 
 
 class Units(NamedTuple):
-    """What signals are seen in; n joints, and a tip in a space of some axes."""
+    """The units of the signals; n joints, and a tip in a space of some axes."""
 
     torque: Any  # R (n,), 1.2 of the torque limits [N m]: of loads and of residual torques, whose largest values it is
     # l_1 (axes + 2,), of the forces along the direction of travel and along each axis [N], and the payload [kg]
@@ -120,7 +120,7 @@ def units_of(arm: AnyArm) -> Units:
 
 
 def turns_of(arm: AnyArm) -> np.ndarray:
-    """Return by how much the angle ψ of the joint before adds to that of each joint (n,): ψ_j = θ_j + σ_j ψ_(j-1).
+    """Return the factor of the previous joint's angle ψ in that of each joint (n,): ψ_j = θ_j + σ_j ψ_(j-1).
 
     σ_j is 1 where both axes are parallel, -1 where they are opposite, else 0; the first is 0.
     """
@@ -143,13 +143,13 @@ _ContextParts = namedtuple(
 
 @functools.cache
 def unexplained_parts(joints: int, axes: int) -> _UnexplainedParts:
-    """Return where the parts of z lie for so many joints and axes of the tip's space."""
+    """Return where the parts of z lie for given numbers of joints and tip axes."""
     return _UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
 
 
 @functools.cache
 def context_parts(joints: int, axes: int) -> _ContextParts:
-    """Return where the parts of c lie for so many joints and axes of the tip's space."""
+    """Return where the parts of c lie for given numbers of joints and tip axes."""
     return _ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
 
 
