@@ -85,8 +85,8 @@ def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
     with zipfile.ZipFile(empty, "w") as archive:
         archive.writestr("data", "{}")
     for path, words in (
-        (text, "no model that stable-baselines3 saved"),
-        (empty, "no model that stable-baselines3 saved"),
+        (text, "not a model saved by stable-baselines3"),
+        (empty, "not a model saved by stable-baselines3"),
         (other, "not in [-1, 1]"),
         (relu, "activation_fn"),
         (bare, "none of the layers"),

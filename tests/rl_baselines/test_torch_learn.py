@@ -54,7 +54,7 @@ def test_wrong_arguments_are_named():
         with pytest.raises(ValueError, match=message):
             TorchFuzzyArmLearn(1, compiled=False, **arguments)
     envs = TorchFuzzyArmLearn(2, compiled=False)
-    with pytest.raises(ValueError, match="knows no options"):
+    with pytest.raises(ValueError, match="has no reset options"):
         envs.reset(options={"case": "payload"})
     envs.reset()
     with pytest.raises(ValueError, match=r"action has shape \(2, 3\)"):
