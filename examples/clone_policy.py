@@ -3,7 +3,7 @@
 fuzzyarm dataset --out sets --level expert && python examples/clone_policy.py sets/fuzzyarm/expert-nominal-v0
 
 Prints the score N of the cloned policy: in the same episodes computed-torque has 0, learned-observer 100.
-docs/tutorials/datasets.md has the scores for all six data sets. offline_td3_bc.py learns from the same data with their
+docs/tutorials/datasets.md has the scores for four data sets. offline_td3_bc.py learns from the same data with their
 rewards.
 """
 
