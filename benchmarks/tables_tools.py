@@ -13,7 +13,7 @@ __all__ = ["TOOLS"]
 
 
 def _mutants(document: dict[str, Any]) -> str:
-    """Return what came of the mutants."""
+    """Return how many mutants the tests noticed."""
     found = Counter(row["outcome"] for row in document["rows"])
     left = f"{found['equivalent']} are equivalent, {found['lived']} were not noticed"
     return f"Of {found.total()} mutants the tests noticed {found['died']}; {left}."

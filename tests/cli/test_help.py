@@ -231,9 +231,9 @@ def test_who_lost_the_path_once_has_no_mark():
 
 
 def test_certificates_are_a_line_each():
-    numbers = {"a": {"alpha": 20.0, "gamma": 1.4001e-4}, "b": None, "c": None}
+    numbers = {"a": {"alpha": 19.999, "gamma": 1.4001e-4}, "b": None, "c": None}
     assert certificate_lines({"a": "For ...", "b": "void", "c": None}, numbers) == [
-        "a: rigid arm, alpha = 20 1/s, gamma = 0.000141, proven; fuzzyarm show a",
+        "a: rigid arm, alpha = 19.9 1/s, gamma = 0.000141, proven; fuzzyarm show a",
         "b: its certificate is void along this path; see fuzzyarm show b",
         "nothing proven of the rigid arm: c",
     ]

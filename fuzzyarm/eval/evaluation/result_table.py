@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from fuzzyarm.common.arithmetic import at_most
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -151,7 +151,7 @@ def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[st
     lines = []
     for policy, numbers in bounds.items():
         if numbers is not None:
-            rates = f"alpha = {numbers['alpha']:g} 1/s, gamma = {at_most(numbers['gamma'], 3)}"
+            rates = f"alpha = {at_least(numbers['alpha'], 3)} 1/s, gamma = {at_most(numbers['gamma'], 3)}"
             lines.append(f"{policy}: rigid arm, {rates}, proven; fuzzyarm show {policy}")
         elif certificates[policy] is not None:
             lines.append(f"{policy}: its certificate is void along this path; see fuzzyarm show {policy}")
