@@ -16,10 +16,6 @@ def _size(key: str) -> Cell:
     return f"{{{key}[variables]}} / {{{key}[rows]}}"
 
 
-def _bound_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
-    return [{"policy": name, **bound} for name, bound in document["bounds"].items()]
-
-
 def _gain(row: dict[str, Any]) -> str:
     gain = row["gain_rad_per_Nm"]
     return f"{gain['observed']:.2e} ({gain['observed'] / gain['certified']:.0%})"
@@ -77,11 +73,14 @@ PROOFS = {
                 "slowest decay observed": "{decay_per_s[observed]:.1f}",
                 "γ certified [rad/(N m)]": lambda row: f"{float(at_most(row['gain_rad_per_Nm']['certified'], 3)):.2e}",
                 "largest L2 gain observed": _gain,
+                "in the box: start [rad]": lambda row: at_least(row["invariant_set"]["start"], 3),
+                "with |d| [N m] up to": lambda row: at_least(row["invariant_set"]["disturbance"], 3),
             },
-            _bound_rows,
+            lambda document: [{"policy": name, **bound} for name, bound in document["bounds"].items()],
         ),
         "On the rigid arm in continuous time, which is what the certificates are about: the slowest decay of V and the "
-        "largest gain over a library of disturbances and the worst found by search. `{command}`",
+        "largest gain over a library of disturbances and the worst found by search; the error of position, at rest, "
+        "and the disturbance on the circle up to which the arm is proven to stay in the box. `{command}`",
     ),
     "tip-bound": Section(
         "tip_bound",

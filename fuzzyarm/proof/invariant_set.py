@@ -8,9 +8,9 @@ of the box, |x_i,d| + ρ_i <= limit_i, and let x_i² <= p_i V. If
 then {V <= r} lies in the box at every instant, and V' < 0 on its border while |w| <= W: from this set the arm stays in
 the box. Every number is exact and rational, and the printed decimals are what is compared (`is_invariant`).
 
-*Consistent form.* V = xᵀ P⁻¹ x, so that p_i = P_ii is the least one (the Schur complement of P_ii). The reference is the
-paper's circle, whose |q_d| and |q̇_d| are bounded in balls at every instant (`_residual`); w = d + ρ, the feedforward
-residual, whose bound is taken from W to leave the largest |d|.
+*Consistent form.* V = xᵀ P⁻¹ x, and p_i = P_ii is the smallest possible (Cauchy-Schwarz). The reference is the paper's
+circle, whose |q_d| and |q̇_d| are bounded in balls at every instant (`_residual`). w holds the feedforward residual
+beside the other disturbances d; its bound is subtracted from W.
 
 *Semidefinite form.* V = xᵀ (X ⊗ M̂) x with M̂ > σ I gives p_i = (X⁻¹)_ii / σ and γ²/σ for γ². The reference is any one
 that leaves half of the box as room.
@@ -21,7 +21,7 @@ that leaves half of the box as room.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,8 +44,8 @@ _DIGITS = 4  # of the printed numbers
 class Bounds(NamedTuple):
     """What is known of V, x and w, in exact rationals."""
 
-    spread: Sequence[Any]  # p_i: x_i² <= p_i V
-    room: Sequence[Any]  # of the entries that the box limits, from the reference to the limit [rad or rad/s]
+    spread: Any  # p_i, a sequence: x_i² <= p_i V
+    room: Any  # ρ_i, a sequence: from the reference to the limit of x_i [rad or rad/s]
     alpha: Any  # α [1/s]
     gamma2: Any  # γ²
     residual: Any = fmpq(0)  # largest part of |w| that is not d
@@ -68,13 +68,16 @@ def is_invariant(level: float, disturbance: float, bounds: Bounds) -> bool:
 
 
 def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
-    """Return the largest such set of a proven controller, for the reference of the module's text."""
+    """Return the largest such set of a controller whose certificate is proven, for the reference of the module's text.
+
+    Where there is none, its statement says why.
+    """
     if isinstance(controller, ScheduledController):
         return _of_scheduled(controller)
     try:
         circle = JointReference(parameters=controller.model.parameters)
     except ValueError as error:
-        return _none(f"the paper's circle is no reference of this arm, {error}")
+        return _none(f"this arm does not follow the paper's circle, {error}")
     return (_of_paper if controller.form == "paper" else _of_consistent)(controller, circle)
 
 
@@ -110,10 +113,10 @@ def _of_paper(controller: Controller, circle: JointReference) -> InvariantSet:
     level, W = _largest(_bounds(controller, np.zeros(PLANT_STATES)))
     r = np.hstack(circle.sample(np.linspace(0.0, circle.duration, CHECKED_INSTANTS)))
     attained = float(np.linalg.norm(r, axis=1).max()) * (1.0 - 1e-9)
-    if W > attained:
+    if attained < W:
         return _none("the paper's form is about the reference model, too, whose state has no bound here")
     return _none(
-        f"an ellipsoid of V in the box has a level of at most {at_most(level * 1.001, 3)} and with gamma = "
+        f"an ellipsoid of V in the box has a level of at most {at_most(level * 1.01, 2)} and with gamma = "
         f"{at_most(controller.gamma, 3)} needs |w| <= {at_most(W * 1.01, 2)}; w = (d, r) holds the reference, and r "
         f"alone reaches {at_least(attained, 3)} along the paper's circle (SI units)"
     )
@@ -147,7 +150,7 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 def _found(level: float, d: float, start: float, where: str, V: str, apart: str) -> InvariantSet:
     words = (
         f"That it stays in the box is proven {where}, while |d| <= {at_least(d, 3)} N m at every instant{apart}: from "
-        f"V = {V} <= {at_least(level, _DIGITS)} (rad and s) V never rises above that, and this ellipsoid lies in the "
+        f"V = {V} <= {at_least(level, _DIGITS)} in SI units V never rises above that, and this ellipsoid lies in the "
         f"box. It holds every start at |e| <= {at_least(start, 3)} rad where only e is not zero."
     )
     return InvariantSet(level, d, start, words)
