@@ -6,7 +6,7 @@ Decay: the certified rate against the smallest -d ln V / 2dt of undisturbed roll
 V decays slowest, and against the slowest pole of the loop frozen at any state of the box. Gain: the certified γ against
 the largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error, on the circle and at the worst held posture, and
 against the largest H-infinity norm of a frozen loop. The inequality behind the certificate promises more than γ: the
-same norm shifted by α, and that no rollout uses up the supply γ² ∫ wᵀw. Of the invariant set no rollout is made. Two minutes.
+same norm shifted by α, and that no rollout uses up the supply γ² ∫ wᵀw. A minute or two.
 """
 
 from __future__ import annotations
@@ -69,8 +69,9 @@ def disturbed(loop: RigidLoop, motion: Any) -> dict[str, Any]:
 def assess(name: str) -> dict[str, Any]:
     """Return the certified, observed and frozen bounds of a shipped controller, and its invariant set."""
     loop = RigidLoop(load_policy(name).controller)
-    decays, found = {"certified": loop.controller.alpha, **decay(loop)}, invariant_set(loop.controller)._asdict()
-    return {"decay_per_s": decays, "gain_rad_per_Nm": gain(loop), "invariant_set": found}
+    decays, found = {"certified": loop.controller.alpha, **decay(loop)}, invariant_set(loop.controller)
+    sizes = {"level": found.level, "disturbance_Nm": found.disturbance, "start_rad": found.start}
+    return {"decay_per_s": decays, "gain_rad_per_Nm": gain(loop), "invariant_set": sizes}
 
 
 def main() -> None:

@@ -73,14 +73,13 @@ PROOFS = {
                 "slowest decay observed": "{decay_per_s[observed]:.1f}",
                 "γ certified [rad/(N m)]": lambda row: f"{float(at_most(row['gain_rad_per_Nm']['certified'], 3)):.2e}",
                 "largest L2 gain observed": _gain,
-                "in the box: start [rad]": lambda row: at_least(row["invariant_set"]["start"], 3),
-                "with |d| [N m] up to": lambda row: at_least(row["invariant_set"]["disturbance"], 3),
+                "stays in the box: start [rad]": lambda row: at_least(row["invariant_set"]["start_rad"], 3),
+                "with \\|d\\| up to [N m]": lambda row: at_least(row["invariant_set"]["disturbance_Nm"], 3),
             },
             lambda document: [{"policy": name, **bound} for name, bound in document["bounds"].items()],
         ),
-        "On the rigid arm in continuous time, which is what the certificates are about: the slowest decay of V and the "
-        "largest gain over a library of disturbances and the worst found by search; the error of position, at rest, "
-        "and the disturbance on the circle up to which the arm is proven to stay in the box. `{command}`",
+        "On the rigid arm in continuous time: slowest decay of V, and largest gain over a library of disturbances and "
+        "the worst found by search; start at rest and |d| up to which the box is not left on the circle. `{command}`",
     ),
     "tip-bound": Section(
         "tip_bound",

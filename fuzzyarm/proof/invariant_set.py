@@ -104,7 +104,7 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
         largest = f"W = {at_most(d, 2)} N m, and the feedforward residual may take {missed} N m of it"
         return _none("the paper's circle leaves no room in the box" if d == 0.0 else f"the room is for {largest}")
     start = _start(level, largest_of_inverse(controller.P, JOINTS))
-    apart = f" beside the feedforward residual, which is at most {missed} N m" if residual.any() else ""
+    apart = f" beside the feedforward residual of at most {missed} N m" if residual.any() else ""
     return _found(level, d, start, "along the paper's circle", "x'P^-1 x", apart)
 
 
@@ -144,14 +144,15 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
     reference = "for every reference that stays in the middle half of every range of angles"
     where = f"{reference}{' and below half the speeds of the box' if speeds else ''}"
     start = _start(level, _float(X[0, 0] * heaviest))
-    return _found(level, d, start, where, "x'(X (x) M)x, M the scheduled inertia,", "")
+    return _found(level, d, start, where, "x'(X (x) M)x, with the scheduled inertia M,", "")
 
 
 def _found(level: float, d: float, start: float, where: str, V: str, apart: str) -> InvariantSet:
     words = (
-        f"That it stays in the box is proven {where}, while |d| <= {at_least(d, 3)} N m at every instant{apart}: from "
-        f"V = {V} <= {at_least(level, _DIGITS)} in SI units V never rises above that, and this ellipsoid lies in the "
-        f"box. It holds every start at |e| <= {at_least(start, 3)} rad where only e is not zero."
+        f"From a set of starts it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
+        f"instant{apart}: V = {V} never rises above {at_least(level, _DIGITS)} (SI units) from a start at or below it, "
+        f"and this ellipsoid lies in the box. It holds every start at |e| <= {at_least(start, 3)} rad where only e is "
+        "not zero."
     )
     return InvariantSet(level, d, start, words)
 
