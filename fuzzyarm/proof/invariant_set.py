@@ -25,7 +25,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import fmpq
+from flint import arb, fmpq
 
 from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.envs.observation import JOINTS
@@ -68,10 +68,7 @@ def is_invariant(level: float, disturbance: float, bounds: Bounds) -> bool:
 
 
 def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
-    """Return the largest such set of a controller whose certificate is proven, for the reference of the module's text.
-
-    Where there is none, its statement says why.
-    """
+    """Return the largest such set of a proven controller and its reference; if none, the words say why."""
     if isinstance(controller, ScheduledController):
         return _of_scheduled(controller)
     try:
@@ -101,32 +98,31 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
     bounds = _bounds(controller, motion)._replace(residual=stated(float(missed)))
     level, d = _largest(bounds)
     if level == 0.0:
-        largest = f"W = {at_most(d, 2)} N m, and the feedforward residual may take {missed} N m of it"
-        return _none("the paper's circle leaves no room in the box" if d == 0.0 else f"the room is for {largest}")
-    start = _start(level, largest_of_inverse(controller.P, JOINTS))
+        return _none(
+            f"beside the paper's circle the box has room for |w| <= {at_most(d * 1.01, 2)} N m, of which the feedforward "
+            f"residual may take {missed} N m"
+        )
     apart = f" beside the feedforward residual of at most {missed} N m" if residual.any() else ""
-    return _found(level, d, start, "along the paper's circle", "x'P^-1 x", apart)
+    return _found(level, d, largest_of_inverse(controller.P, JOINTS), "along the paper's circle", "x'P^-1 x", apart)
 
 
 def _of_paper(controller: Controller, circle: JointReference) -> InvariantSet:
-    """Return no set: the largest W, with the whole box as room, is below what the reference attains."""
-    level, W = _largest(_bounds(controller, np.zeros(PLANT_STATES)))
+    """Return no set: with the whole box as room, W is still below what the reference attains."""
+    _, W = _largest(_bounds(controller, np.zeros(PLANT_STATES)))
     r = np.hstack(circle.sample(np.linspace(0.0, circle.duration, CHECKED_INSTANTS)))
     attained = float(np.linalg.norm(r, axis=1).max()) * (1.0 - 1e-9)
     if attained < W:
-        return _none("the paper's form is about the reference model, too, whose state has no bound here")
+        return _none("V of the paper's form is about the reference model, too, whose state has no bound here")
     return _none(
-        f"an ellipsoid of V in the box has a level of at most {at_most(level * 1.01, 2)} and with gamma = "
-        f"{at_most(controller.gamma, 3)} needs |w| <= {at_most(W * 1.01, 2)}; w = (d, r) holds the reference, and r "
-        f"alone reaches {at_least(attained, 3)} along the paper's circle (SI units)"
+        f"in the box and with gamma = {at_most(controller.gamma, 3)} it would take |w| <= {at_most(W * 1.01, 2)}, but "
+        f"w = (d, r), and the reference alone reaches |r| = {at_least(attained, 3)} along the paper's circle (SI units)"
     )
 
 
 def _bounds(controller: Controller, motion: np.ndarray) -> Bounds:
     arm, gamma = controller.model.parameters, stated(controller.gamma)
-    limits = exact([*arm.joint_limit, *arm.velocity_limit])
-    spread = exact(np.diag(controller.P)[:PLANT_STATES])
-    return Bounds(spread, limits - exact(motion), stated(controller.alpha), gamma * gamma)
+    room = exact([*arm.joint_limit, *arm.velocity_limit]) - exact(motion)
+    return Bounds(exact(np.diag(controller.P)[:PLANT_STATES]), room, stated(controller.alpha), gamma * gamma)
 
 
 def _of_scheduled(controller: ScheduledController) -> InvariantSet:
@@ -137,17 +133,17 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
     quarter = min(rational(high) - rational(low) for low, high in (j.angle_range for j in controller.robot.joints)) / 4
     speeds = [stated(speed) / 2 for speed in controller.speeds.tolist()]
     spread = [inner[0, 0] / floor, *[inner[1, 1] / floor] * len(speeds)]
-    bounds = Bounds(spread, [quarter, *speeds], stated(controller.alpha), gamma * gamma / floor)
-    level, d = _largest(bounds)
+    level, d = _largest(Bounds(spread, [quarter, *speeds], stated(controller.alpha), gamma * gamma / floor))
     # M̂ is a mean of the S_r, which are at most their largest sum of a row.
     heaviest = max(sum(map(abs, row)) for row in exact(controller.inertia).reshape(-1, len(controller.robot)))
-    reference = "for every reference that stays in the middle half of every range of angles"
-    where = f"{reference}{' and below half the speeds of the box' if speeds else ''}"
-    start = _start(level, _float(X[0, 0] * heaviest))
-    return _found(level, d, start, where, "x'(X (x) M)x, with the scheduled inertia M,", "")
+    slow = " and at most half the speeds of the box" if speeds else ""
+    where = f"for every reference in the middle half of each range of angles{slow}"
+    return _found(level, d, _float(X[0, 0] * heaviest), where, "x'(X (x) M)x, with the scheduled inertia M,", "")
 
 
-def _found(level: float, d: float, start: float, where: str, V: str, apart: str) -> InvariantSet:
+def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
+    """Return a set in words, for V <= steepest |e|² where only e is not zero."""
+    start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
         f"From a set of starts it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
         f"instant{apart}: V = {V} never rises above {at_least(level, _DIGITS)} (SI units) from a start at or below it, "
@@ -161,16 +157,11 @@ def _none(why: str) -> InvariantSet:
     return InvariantSet(0.0, 0.0, 0.0, f"No set from which it stays in the box is proven: {why}.")
 
 
-def _start(level: float, steepest: float) -> float:
-    """Return |e| up to which steepest |e|² <= level, rounded down."""
-    return float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
-
-
 def _rounded_down(value: float, proof: Callable[[float], bool]) -> float:
     """Return a decimal at or slightly below a value for which a proof holds; 0 if none does."""
-    tried = (float(at_least(value * share, _DIGITS)) for share in (1.0, 0.999) if value > 0.0)
+    tried = (float(at_least(value * share, _DIGITS)) for share in (1.0, 0.999) if 0.0 < value < math.inf)
     return next((one for one in tried if proof(one)), 0.0)
 
 
 def _float(value: fmpq) -> float:
-    return int(value.p) / int(value.q)
+    return float(arb(value))

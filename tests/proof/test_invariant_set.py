@@ -1,6 +1,7 @@
 """The set from which the arm stays in the box: by hand, against worst motions of the rigid arm, and forged."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -100,6 +101,14 @@ def test_a_larger_set_has_a_point_outside_the_box_and_a_start_just_above_the_sta
     assert steepest * stays.start**2 <= stays.level < 1.01 * steepest * stays.start**2
 
 
+def test_the_numbers_of_the_page_are_those_of_the_words(found):
+    page = (Path(__file__).parents[2] / "docs" / "theory" / "certificate.md").read_text(encoding="utf-8")
+    assert found[1][:3] == (0.0002022, 526.3, 0.03764)
+    for number in ("0.0002022", "0.0376 rad", "526$ N m", "116 N m", "49.8", "below 0.03,"):
+        assert number in page
+    assert "|w| <= 0.029, but" in invariant_set(Controller.load(CONTROLLERS["paper-4-integral-common"])).statement
+
+
 def test_the_words_round_downwards_and_say_why_there_is_no_set(found):
     stays = found[1]
     assert f"|d| <= {np.floor(stays.disturbance):.0f} N m at every instant beside the feedforward" in stays.statement
@@ -107,9 +116,9 @@ def test_the_words_round_downwards_and_say_why_there_is_no_set(found):
     four = Controller.load(CONTROLLERS["fuzzy-4"])
     far = ArmParameters(length=(0.2, 0.2))
     cases = {
-        "r alone reaches 49.8": Controller.load(CONTROLLERS["paper-4"]),
+        "reference alone reaches |r| = 49.8": Controller.load(CONTROLLERS["paper-4"]),
         "does not follow the paper's circle, the path leaves the reach": dataclasses.replace(four, model=TSModel(far)),
-        "the feedforward residual may take 116 N m of it": dataclasses.replace(four, gamma=0.001),
+        "of which the feedforward residual may take 116 N m": dataclasses.replace(four, gamma=0.001),
     }
     for words, controller in cases.items():
         none = invariant_set(controller)
