@@ -99,8 +99,8 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
     level, d = _largest(bounds)
     if level == 0.0:
         return _none(
-            f"beside the paper's circle the box has room for |w| <= {at_most(d * 1.01, 2)} N m, of which the feedforward "
-            f"residual may take {missed} N m"
+            f"beside the paper's circle the box has room for |w| <= {at_most(d * 1.01, 2)} N m, of which the "
+            f"feedforward residual may take {missed} N m"
         )
     apart = f" beside the feedforward residual of at most {missed} N m" if residual.any() else ""
     return _found(level, d, largest_of_inverse(controller.P, JOINTS), "along the paper's circle", "x'P^-1 x", apart)
