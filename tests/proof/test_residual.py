@@ -96,7 +96,7 @@ def test_a_path_that_leaves_the_reach_between_the_instants_is_not_bounded():
     reference = JointReference()
     sampled = reference.sample(0.0)
     object.__setattr__(reference, "path", Circle((0.35, 0.85), 0.2))
-    object.__setattr__(reference, "sample", lambda t: [np.tile(part, (2001, 1)) for part in sampled])
+    object.__setattr__(reference, "sample", lambda t: sampled._make(np.tile(part, (2001, 1)) for part in sampled))
     assert residual.largest_motion(reference) is None
 
 
