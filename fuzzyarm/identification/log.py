@@ -28,6 +28,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.physics.parameters import LARGEST
+from fuzzyarm.envs.physics.robot import MOST_JOINTS
 
 __all__ = ["Log", "Motion", "joint_table", "read_log"]
 
@@ -35,10 +36,10 @@ _PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
 _COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
 """Headings of a log."""
 _VELOCITIES = tuple(name for name in _COLUMNS if name.startswith("dq_"))  # which may be missing
-_FEWEST_SAMPLES, _MOST_SAMPLES = 500, 200_000  # with the most, the fit takes some gigabytes
+_FEWEST_SAMPLES, _MOST_SAMPLES = 100, 200_000  # with the most, the fit takes some gigabytes
 _LARGEST_FILE = 64 * 2**20
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
-_SHORTEST, _LONGEST = 1e-5, 0.02  # s, of a sampling period
+_SHORTEST, _LONGEST = 1e-5, 0.05  # s, of a sampling period
 _JOINTS = re.compile(r"q_motor(\d+)|dq_motor(\d+)|torque(\d+)")
 
 
@@ -49,7 +50,7 @@ _HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at m
 
 
 class Motion(NamedTuple):
-    """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, 2).
+    """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, n).
 
     The ends of the log do not affect the instants `settled`; `independent` is the number of independent samples among
     them.
@@ -65,13 +66,15 @@ class Motion(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Log:
-    """Measurements of the motors of a two-joint arm at N instants; arrays are read-only copies.
+    """Measurements of the motors of an arm of n joints at N instants; arrays are read-only copies.
 
     Attributes:
         period: time between two samples [s].
-        angle: q_a [rad], shape (N, 2).
-        torque: Γ [N m], shape (N, 2); row k is held from instant k to instant k + 1.
-        velocity: q̇_a [rad/s], shape (N, 2), or None.
+        angle: q_a [rad], shape (N, n).
+        torque: Γ [N m], shape (N, n); row k is held from instant k to instant k + 1.
+        velocity: q̇_a [rad/s], shape (N, n), or None.
+        name: of the file that it was read from, in messages.
+        remarks: what was done to the file's numbers to get these, a sentence each.
 
     Raises:
         TypeError: an entry is not a real number.
@@ -82,14 +85,17 @@ class Log:
     angle: np.ndarray
     torque: np.ndarray
     velocity: np.ndarray | None = None
+    name: str = "log"
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         period = checks.real("period", self.period, "s", low=_SHORTEST, high=_LONGEST)
         samples = checks.whole("the number of samples", len(self.angle), low=_FEWEST_SAMPLES, high=_MOST_SAMPLES)
         object.__setattr__(self, "period", period)
+        joints = checks.whole("the number of joints", np.shape(self.angle)[-1], low=1, high=MOST_JOINTS)
         for name, unit in zip(("angle", "velocity", "torque"), _PARTS.values(), strict=True):
             if getattr(self, name) is not None:
-                array = checks.finite_array(name, getattr(self, name), (samples, 2), unit, largest=LARGEST)
+                array = checks.finite_array(name, getattr(self, name), (samples, joints), unit, largest=LARGEST)
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
 
@@ -100,7 +106,7 @@ class Log:
 
     @property
     def measured(self) -> np.ndarray:
-        """Angles [rad] and, if there are any, velocities [rad/s], shape (N, 2 or 4)."""
+        """Angles [rad] and, if there are any, velocities [rad/s], shape (N, n or 2 n)."""
         return self.angle if self.velocity is None else np.concatenate([self.angle, self.velocity], axis=1)
 
     def smoothed(self) -> Motion:
@@ -145,8 +151,9 @@ def read_log(path: Path) -> Log:
 
 
 def joint_table(time: np.ndarray, parts: dict[str, np.ndarray]) -> str:
-    """Return instants (N,) [s] and quantities of two joints (N, 2) as CSV, with two columns for each quantity."""
-    columns = {"time": time} | {f"{part}{j + 1}": values[:, j] for part, values in parts.items() for j in range(2)}
+    """Return instants (N,) [s] and quantities of n joints (N, n) as CSV, with n columns for each quantity."""
+    joints = {f"{part}{j + 1}": column for part, values in parts.items() for j, column in enumerate(values.T)}
+    columns = {"time": time} | joints
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return csv_text([dict(zip(columns, row, strict=True)) for row in rows])
 

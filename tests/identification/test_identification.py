@@ -169,7 +169,7 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
     ("change", "message"),
     [
         (lambda rows: [], "it is empty; needed: a heading time"),
-        (lambda rows: rows[:300], "the number of samples = 299 is out of range; allowed: 500"),
+        (lambda rows: rows[:99], "the number of samples = 98 is out of range; allowed: 100"),
         (lambda rows: [rows[0].replace("torque2", "current2"), *rows[1:]], "lacks torque2; needed: time,q_motor1"),
         (lambda rows: [rows[0].replace("dq_motor2", "v2"), *rows[1:]], "may both be missing"),
         (lambda rows: [rows[0].replace("torque2", "torque3"), *rows[1:]], "the log of 3 joints; allowed: two-joint"),
