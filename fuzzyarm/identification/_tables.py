@@ -197,11 +197,11 @@ def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]
         bare = [re.sub(r"\s+(?=[\[(])", "", line) for line in bare]
     found = [cells for cells in map(style.cells, bare) if len(cells) == style.width and any(cells)]
     if not found:
-        open_ = [line for line in lines if line.strip()[0] not in "#%"]
-        if open_:
-            width = len(style.cells(open_[-1]))
+        worded = [line.strip() for line in lines if line.strip()[0] not in "#%" and re.search(r"[^\W\d]", line)]
+        if worded:
+            width = len(style.cells(worded[-1]))
             raise ValueError(
-                f"its lines have {style.width} cells, its heading {shown(open_[-1].strip())} has {width}"
+                f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
                 + "; numbers with a decimal comma need another delimiter than the comma"
                 * (style.width >= 2 * width - 1)
             )
@@ -275,7 +275,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
 
 
 def _bag(path: Path, topic: str | None) -> Table:
-    """Return the joint states of a ROS 2 bag, by their stamps or, where these are not set, by the times of recording."""
+    """Return the joint states of a ROS 2 bag, by their stamps or, if these are not set, by the times of recording."""
     try:
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_typestore

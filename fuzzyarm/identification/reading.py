@@ -9,10 +9,11 @@ so that an evenly spaced log stays as it is. Everything that is assumed, left ou
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -108,7 +109,8 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
         kind, label = _meaning(name)
         if kind:
             guessed.setdefault((kind, label), []).append(k)
-    labels = _labels(guessed)
+    chosen = [int(role.lstrip("dqtau")) for role in given if role != "time"]
+    labels = _labels(guessed)[: max(chosen, default=None)]
     named = [label for label in labels if not label.isdigit()]
     if named and not any(role.startswith("q") for role in given):
         table.remarks.append("joints in this order: " + ", ".join(labels))
@@ -170,18 +172,15 @@ def _meaning(name: str) -> tuple[str, str]:
     return (_KIND[kind], " ".join(label)) if _KIND[kind] != "time" or not label else ("", "")
 
 
-def _labels(guessed: dict[tuple[str, str], list[int]]) -> list[str]:
-    """Return the joints that have an angle and a torque: numbered ones, else those with a name, in the file's order."""
-    angles = [label for kind, label in guessed if kind == "q"]
-    every = [label for label in angles if ("tau", label) in guessed]
-    numbered = sorted((label for label in every if label.isdecimal()), key=int)
+def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
+    """Return the joints: numbered ones, else those whose name has an angle and a torque, in the file's order."""
+    numbered = {label for kind, label in guessed if kind in ("q", "tau") and label.isdecimal()}
     if numbered:
-        return numbered
-    ends = [re.search(r"(\d+)$", label) for label in every]
-    numbers = [int(end[1]) for end in ends if end]
-    if len(set(numbers)) == len(every):
-        return [label for _, label in sorted(zip(numbers, every, strict=True))]
-    return every
+        return sorted(numbered, key=int)
+    named = [label for kind, label in guessed if kind == "q" and ("tau", label) in guessed]
+    ends = [re.search(r"\d+$", label) for label in named]
+    numbers = {int(end[0]): label for end, label in zip(ends, named, strict=True) if end}
+    return [numbers[k] for k in sorted(numbers)] if len(numbers) == len(named) else named
 
 
 def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
@@ -193,10 +192,11 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
         raise ValueError(f"the columns {listing(names)} have several units; convert them to one")
     if isinstance(text, str) and not text:
         return None
-    try:
-        return checks.real(f"unit of {kind}", float(text), above=0.0)
-    except ValueError:
-        short = unit_of(str(text))
+    with contextlib.suppress(ValueError):
+        text = float(text)
+    if not isinstance(text, str):
+        return checks.real(f"unit of {kind}", text, above=0.0)
+    short = unit_of(text)
     if short not in known:
         raise ValueError(
             f"the unit {shown(text)} of {kind} is unknown; give one, or its size in SI units: --units {kind}=..., "
@@ -234,8 +234,9 @@ def _pieces(
     angle_unit = _unit(table, "q", names["q"], units) or 1.0
     angle = values[:, 1 : 1 + joints] * angle_unit / ratio
     torque = values[:, 1 + joints : 1 + 2 * joints] * (_unit(table, "tau", names["tau"], units) or 1.0) * ratio
-    speed_unit = _unit(table, "dq", names["dq"], units) or angle_unit
-    velocity = values[:, 1 + 2 * joints :] * speed_unit / ratio
+    velocity = values[:, 1 + 2 * joints :]
+    if names["dq"]:
+        velocity = velocity * (_unit(table, "dq", names["dq"], units) or angle_unit) / ratio
     time = _seconds(values[:, 0], _unit(table, "time", names["time"], units), remarks)
     signals = np.concatenate([angle, velocity, torque], axis=1)
     logs = []
