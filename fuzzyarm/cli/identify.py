@@ -29,8 +29,8 @@ class Options:
     """
 
     log: Annotated[tuple[Path, ...], Parameter(name="", metavar="LOG...")] = ()
-    """Logs of one arm, recorded alike: times, angles, torques and perhaps velocities of the joints, in text with columns
-    (CSV and its relatives), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3, folder)"""
+    """Logs of one arm, recorded alike: time, angles, torques and perhaps velocities of its joints, in text with columns
+    (CSV and its kind), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3 or folder)"""
     _: KW_ONLY
     columns: Annotated[str | None, Parameter(metavar="ROLE=NAME,...")] = None
     """Columns whose names are not understood: time=stamp,q1=shoulder,tau1=load1,..., also by number (q1=2); dq1 is a

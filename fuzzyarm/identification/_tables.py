@@ -19,11 +19,11 @@ import numpy as np
 
 from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.checks import shown
-from fuzzyarm.common.documents import read_bytes
+from fuzzyarm.common.documents import open_regular, read_bytes
 
 __all__ = ["Table", "listing", "read_table", "unit_of"]
 
-_LARGEST_FILE = 64 * 2**20  # bytes; of a bag, whose images are skipped, only the messages are counted
+_LARGEST_FILE, _LARGEST_BAG, _LARGEST_METADATA = 64 * 2**20, 8 * 2**30, 2**20  # bytes
 _MOST_STATES, _MOST_COLUMNS = 400_000, 1000
 _MOST_NUMBERS = 32_000_000
 _FEWEST_COLUMNS = 3  # time, an angle and a torque
@@ -283,7 +283,12 @@ def _bag(path: Path, topic: str | None) -> Table:
         raise ValueError(
             'bags are read by rosbags, which is not installed; install it with: pip install "fuzzyarm[logs]"'
         ) from None
-    path.stat()
+    if path.is_dir():
+        read_bytes(path / "metadata.yaml", largest=_LARGEST_METADATA)
+    for file in (one for one in path.iterdir() if one.suffix in _BAG) if path.is_dir() else (path,):
+        with open_regular(file) as stream:
+            if stream.seek(0, 2) > _LARGEST_BAG:
+                raise ValueError(f"{file.name} is larger than {_LARGEST_BAG} bytes, the limit; split the bag")
     decode = get_typestore(Stores.LATEST).deserialize_cdr
     counts: Counter[str] = Counter()
     states: list[tuple[int, Any]] = []

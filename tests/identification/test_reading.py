@@ -1,4 +1,4 @@
-"""A log is the same whatever wrote it; what was assumed, cut or left out is said; what cannot be read says what to do."""
+"""A log is the same whatever wrote it; what was assumed or left out is said; what cannot be read says what to do."""
 
 import io
 import os
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from support.bags import write_bag
 
 from fuzzyarm.cli import main
 from fuzzyarm.identification.log import Log
@@ -34,66 +35,51 @@ def written(tmp_path, text, name="log.csv"):
 
 
 DEGREES = np.degrees(ANGLE)
-WIDE = [TIME, ANGLE, SPEED, TORQUE]
+FIVE = "time,q1,q2,tau1,tau2"
+JOINTS = "/joint_states/joint"
+ROWS = table().splitlines()
+STAMPS = [1_700_000_000_000_000_000 + 2_000_000 * k for k in range(COUNT)]
+TURNS = [1e6 * TIME, ANGLE / (2.0 * np.pi), 1e3 * TORQUE]
 TEXTS = {
     "package": Log(2e-3, ANGLE, TORQUE, SPEED).to_csv(),
-    "bytes of Excel": b"\xef\xbb\xbf" + table().encode(),
+    "byte order mark": b"\xef\xbb\xbf" + table().encode(),
     "UTF-16": table().encode("utf-16"),
     "tab": table("time\tpos 1\tpos 2\ttau 1\ttau 2", "\t"),
     "semicolon and decimal comma": table("Zeit;q1;q2;tau1;tau2", ";", mark=","),
     "space and comment": table("# recorded on Monday\n# time q1 q2 tau1 tau2", " "),
-    "delimiter at each end": table("time,q1,q2,tau1,tau2,", end=",\n"),
+    "delimiter at each end": table(FIVE + ",", end=",\n"),
     "units in brackets, Latin-1": table(
-        "time [ms];Winkel q1 [°];q2 [°];tau1 [N·m];tau2 [N·m]".replace("Winkel ", ""), ";", [1e3 * TIME, DEGREES, TORQUE]
+        "time [ms];q1 [°];q2 [°];tau1 [N·m];tau2 [N·m]", ";", [1e3 * TIME, DEGREES, TORQUE]
     ).encode("latin-1"),
-    "units in parentheses": table("t (us), q_1 (rev), q_2 (rev), tau_1 (mNm), tau_2 (mNm)", columns=[1e6 * TIME, ANGLE / 2 / np.pi, 1e3 * TORQUE]),
-    "units in a second line": table("time\tq1\tq2\ttau1\ttau2\nms\tdeg\tdeg\tN m\tN m", "\t", [1e3 * TIME, DEGREES, TORQUE]),
-    "stamps in ns since 1970": table("stamp,q1,q2,tau1,tau2", columns=[np.round(1e9 * TIME) + 1.7e18, ANGLE, TORQUE]).replace("1.7e+18", "1700000000000000000"),
+    "units in parentheses": table("t (us), q_1 (rev), q_2 (rev), tau_1 (mNm), tau_2 (mNm)", columns=TURNS),
+    "units in a second line": table(
+        "time\tq1\tq2\ttau1\ttau2\nms\tdeg\tdeg\tN m\tN m", "\t", [1e3 * TIME, DEGREES, TORQUE]
+    ),
+    "nanoseconds since 1970": "\n".join(
+        [FIVE, *(f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(STAMPS, ROWS[1:], strict=True))]
+    ),
     "joints from 0, velocities, demands": table(
-        "timestamp,pos_meas0,pos_meas1,vel_meas0,vel_meas1,tau_meas0,tau_meas1,pos_des0,pos_des1", columns=[*WIDE, 9.0 * ANGLE]
+        "timestamp,pos_meas0,pos_meas1,vel_meas0,vel_meas1,tau_meas0,tau_meas1,pos_des0,pos_des1",
+        columns=[TIME, ANGLE, SPEED, TORQUE, 9.0 * ANGLE],
     ),
     "joints by name": table("time,shoulder_position,elbow_position,shoulder_effort,elbow_effort"),
-    "as PlotJuggler": table("__time,/joint_states/joint1/position,/joint_states/joint2/position,/joint_states/joint1/effort,/joint_states/joint2/effort"),
-    "words and blanks in other columns": "\n".join(
-        line + (",mode,note" if k == 0 else f",RUN,{'' if k % 2 else 'ok'}") for k, line in enumerate(table().splitlines())
+    "as PlotJuggler": table(
+        "__time," + ",".join(f"{JOINTS}{joint}/{field}" for field in ("position", "effort") for joint in (1, 2))
     ),
-    "heading twice, and cut off": (lambda rows: "\n".join([*rows[:300], rows[0], *rows[300:], "1.2,0.3"]))(table().splitlines()),
-}  # fmt: skip
+    "words and blanks in other columns": "\n".join(
+        [ROWS[0] + ",mode,note", *(f"{row},RUN,{'ok' if k % 2 else ''}" for k, row in enumerate(ROWS[1:]))]
+    ),
+    "heading twice, and cut off": "\n".join([*ROWS[:300], ROWS[0], *ROWS[300:], "1.2,0.3"]),
+}
 
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_a_text_gives_the_log_that_was_written(name, tmp_path):
-    if "1970" in name:  # more digits than a float has in `table`
-        rows = np.column_stack([ANGLE, TORQUE]).tolist()
-        stamps = [1_700_000_000_000_000_000 + 2_000_000 * k for k in range(COUNT)]
-        TEXTS[name] = "stamp,q1,q2,tau1,tau2\n" + "\n".join(
-            f"{t},{a},{b},{c},{d}" for t, (a, b, c, d) in zip(stamps, rows, strict=True)
-        )
     (log,) = read_log(written(tmp_path, TEXTS[name]))
     assert log.period == pytest.approx(2e-3, rel=1e-5)
     np.testing.assert_allclose(log.angle, ANGLE, atol=1e-8)
     np.testing.assert_allclose(log.torque, TORQUE, atol=1e-8)
     assert (log.velocity is not None) == ("velocities" in name or name == "package")
-
-
-def bag(folder, plugin, stamped=True):
-    """Write joint states, and other messages, as ROS 2 does."""
-    from rosbags.rosbag2 import Writer
-    from rosbags.rosbag2.enums import StoragePlugin
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    of = store.types
-    with Writer(folder, version=9, storage_plugin=StoragePlugin[plugin]) as writer:
-        states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
-        words = writer.add_connection("/words", "std_msgs/msg/String", typestore=store)
-        for k, (q, dq, tau) in enumerate(zip(ANGLE, SPEED, TORQUE, strict=True)):
-            stamp = of["builtin_interfaces/msg/Time"](*divmod(2_000_000 * k + 5 * 10**9, 10**9) if stamped else (0, 0))
-            header = of["std_msgs/msg/Header"](stamp, "base")
-            message = of["sensor_msgs/msg/JointState"](header, ["shoulder", "elbow"], q, dq, tau)
-            writer.write(states, 2_000_000 * k, store.serialize_cdr(message, message.__msgtype__))
-            text = of["std_msgs/msg/String"]("hello")
-            writer.write(words, 2_000_000 * k, store.serialize_cdr(text, text.__msgtype__))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +104,7 @@ def test_arrays_and_bags_give_the_log_that_was_written(kind, tmp_path):
         case _:
             pytest.importorskip("rosbags")
             path = tmp_path / "bag"
-            bag(path, "SQLITE3" if kind == "SQLITE3" else "MCAP", stamped=kind != "no stamps")
+            write_bag(path, kind if kind == "SQLITE3" else "MCAP", ANGLE, SPEED, TORQUE, stamped=kind != "no stamps")
             path = next(path.glob("*.mcap")) if kind == "mcap file" else path
     (log,) = read_log(path, columns=columns)
     assert log.period == pytest.approx(2e-3, rel=1e-6)
@@ -194,34 +180,50 @@ def pickled():
     return file.getvalue()
 
 
-SHORT = "\n".join(table().splitlines()[:99])
+SHORT = "\n".join(ROWS[:99])
+FAR = [1e3 + 5e11 * np.arange(COUNT), ANGLE, TORQUE]
 REFUSED = [
     ("log.csv", "", "it is empty; needed: a heading such as time,q1,q2,tau1,tau2"),
     ("log.csv", "\n" * 900, "it is empty"),
     ("log.csv", SHORT, "98 samples without a gap in time (of more than 20 ms); needed: 100 or more"),
     ("log.csv", "1\n2\n3\n" * 200, "neither comma, semicolon, tab nor space divides its lines into 3 or more columns"),
     ("log.csv", bytes(range(256)) * 40, "it is no text; logs are read from CSV"),
-    ("log.csv", table(""), "no column is known to be time, q1, tau1 in 5 columns without a heading; name them, or their "
-     "numbers: --columns time=NAME,q1=NAME"),
+    (
+        "log.csv",
+        table(""),
+        "known to be time, q1, tau1 in 5 columns without a heading; name them, or their numbers: --col",
+    ),
     ("log.csv", table("time,q1,q2,tau1,current2"), "known to be tau2 among time, q1, q2, tau1, current2; name them"),
     ("log.csv", table("a,b,c,d,e"), "no column is known to be time, q1, tau1 among a, b, c, d, e"),
     ("log.csv", table("time,q1,q2,tau1"), "its lines have 5 cells, its heading time,q1,q2,tau1 has 4"),
     ("log.csv", table(mark=","), "cells, its heading time,q1,q2,tau1,tau2 has 5; numbers with a decimal comma need"),
     ("log.csv", table("time,q1,q1,tau1,tau2"), "columns q1, q1 may each be q1; choose: --columns q1=NAME"),
-    ("log.csv", table("time,q1 [furlong],q2 [furlong],tau1,tau2"), "the unit furlong of q is unknown; give one, or its size in SI"),
+    (
+        "log.csv",
+        table("time,q1 [furlong],q2 [furlong],tau1,tau2"),
+        "the unit furlong of q is unknown; give one, or its",
+    ),
     ("log.csv", table("time,q1 [deg],q2 [rad],tau1,tau2"), "columns q1, q2 have several units"),
-    ("log.csv", table(columns=[0.0 * TIME, ANGLE, TORQUE]), "the stamps in its column of time never increase; choose another"),
-    ("log.csv", table(columns=[1e3 + 0.5 * np.arange(COUNT) * 1e12, ANGLE, TORQUE]), "the median step in time is 5e+11, which fits no"),
-    ("log.csv", table(columns=[TIME, ANGLE * [np.nan, 1.0], TORQUE]), "column q1 holds no numbers; choose another with --columns"),
+    ("log.csv", table(columns=[0.0 * TIME, ANGLE, TORQUE]), "the stamps in its column of time never increase; choose"),
+    ("log.csv", table(columns=FAR), "the median step in time is 5e+11, which fits no"),
+    (
+        "log.csv",
+        table(columns=[TIME, ANGLE * [np.nan, 1.0], TORQUE]),
+        "column q1 holds no numbers; choose another with",
+    ),
     ("log.csv", table(columns=[TIME, 1e300 * ANGLE, TORQUE]), "angle holds a number of size"),
     ("log.npy", pickled(), "is damaged (arrays of object are not read)"),
     ("log.npz", zipped(pickled()), "is damaged (arrays of object are not read)"),
     ("log.npz", b"PK\x03\x04" + bytes(100), "is damaged"),
     ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(range(200)), "it is no MATLAB file, or a damaged one"),
-    ("log.mat", b"\x89HDF\r\n\x1a\n" + bytes(200), "a MATLAB file of version 7.3; save it with: save('log.mat', '-v7', ...)"),
+    (
+        "log.mat",
+        b"\x89HDF\r\n\x1a\n" + bytes(200),
+        "a MATLAB file of version 7.3; save it with: save('log.mat', '-v7',",
+    ),
     ("log.mcap", bytes(range(256)), "it is no ROS 2 bag, or a damaged one"),
     ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is no ROS 2 bag, or a damaged one"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "content", "message"), REFUSED)
