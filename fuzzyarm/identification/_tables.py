@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -33,33 +34,26 @@ _FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the fo
 _BAG = (".mcap", ".db3")
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
+_UNIT = re.compile(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
 
 
 @dataclasses.dataclass
 class Table:
-    """Columns of numbers.
+    """Columns of numbers."""
 
-    Attributes:
-        names: of the columns, as the file has them, without units; "1", "2", ... if it has none.
-        units: of a column by name, as the file has them.
-        values: shape (rows, columns), NaN where there is no number.
-        remarks: what was left out or assumed, a sentence each.
-        headed: whether the file names its columns.
-    """
-
-    names: list[str]
-    units: dict[str, str]
-    values: np.ndarray
-    remarks: list[str] = dataclasses.field(default_factory=list)
-    headed: bool = True
+    names: list[str]  # as the file has them, without units; "1", "2", ... if it has none
+    units: dict[str, str]  # of columns by name, as the file has them
+    values: np.ndarray  # (rows, columns), NaN where there is no number
+    remarks: list[str] = dataclasses.field(default_factory=list)  # what was left out or assumed, a sentence each
+    headed: bool = True  # whether the file names its columns
 
 
 def listing(names: Iterable[str], most: int = 12) -> str:
-    """Return names with commas in between, the first ones of many."""
+    """Return names with commas in between, the first ones of many; "none" if there are none."""
     every = list(names)
-    return ", ".join(shown(name) for name in every[:most]) + (f" and {len(every) - most} more" * (len(every) > most))
+    return ", ".join(map(shown, every[:most])) + f" and {len(every) - most} more" * (len(every) > most) or "none"
 
 
 def read_table(path: Path, topic: str | None = None) -> Table:
@@ -96,13 +90,6 @@ def _decoded(content: bytes) -> tuple[str, list[str]]:
         return content.decode("latin-1"), ["it is not UTF-8: read as Latin-1"]
 
 
-def _number(cell: str, mark: str) -> float:
-    """Return the number in a cell, NaN in an empty one; ValueError for another text."""
-    if cell.lower() in _EMPTY:
-        return float("nan")
-    return float(cell.replace(",", ".") if mark == "," else cell)
-
-
 @dataclasses.dataclass(frozen=True)
 class _Style:
     """How a text separates cells (None: by space) and marks decimals, and the number of its cells in a line."""
@@ -119,42 +106,31 @@ class _Style:
     def numbers(self, line: str) -> list[float]:
         """Return numbers of a line, NaN for a text; empty if the width is another or hardly any cell has a number."""
         cells = self.cells(line)
-        if len(cells) != self.width:
-            return []
+        row = [number if (number := self.number(cell)) is not None else math.nan for cell in cells]
+        return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
+
+    def number(self, cell: str) -> float | None:
+        """Return the number in a cell, NaN in an empty one; None for another text."""
         try:
-            row = [float(cell) for cell in cells] if self.mark == "." else [_number(cell, ",") for cell in cells]
+            return float(cell.replace(",", ".") if self.mark == "," else cell)
         except ValueError:
-            row = []
-            for cell in cells:
-                try:
-                    row.append(_number(cell, self.mark))
-                except ValueError:
-                    row.append(float("nan"))
-        return row if sum(number == number for number in row) > 1 else []
+            return math.nan if cell.lower() in _EMPTY else None
 
     def score(self, lines: list[str]) -> tuple[int, int]:
         """Return how many columns have numbers alone in most of the lines, and the width of the lines."""
         rows = [self.cells(line.strip("\r\n")) for line in lines]
-        # With a delimiter at the end of each line the last column is empty.
         ((width, agreed),) = Counter(map(len, rows)).most_common(1)
-        rows = [row for row in rows if len(row) == width]
         if agreed < _AGREE * len(lines) or width > _MOST_COLUMNS:
             return 0, width
-        empty = all(not row[-1] for row in rows)
-        return sum(self._numeric([row[k] for row in rows]) for k in range(width)), width - empty
-
-    def _numeric(self, cells: list[str]) -> bool:
-        good = numbers = 0
-        for cell in cells:
-            try:
-                number = _number(cell, self.mark)
-            except ValueError:
-                continue
-            good, numbers = good + 1, numbers + (number == number)
-        return numbers > 0 and good >= _AGREE * len(cells)
+        rows = [row for row in rows if len(row) == width]
+        columns = [[self.number(row[k]) for row in rows] for k in range(width)]
+        good = [sum(cell is not None for cell in column) >= _AGREE * len(rows) for column in columns]
+        some = [any(cell == cell and cell is not None for cell in column) for column in columns]
+        # With a delimiter at the end of each line the last column is empty.
+        return sum(map(min, good, some)), width - all(not row[-1] for row in rows)
 
 
-_STYLES = tuple(_Style(*one) for one in (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (None, "."), (None, ",")))  # fmt: skip  # noqa: E501
+_STYLES = tuple(_Style(*pair) for pair in itertools.product(("\t", ";", ",", None), ".,") if pair != (",", ","))
 
 
 def _text(content: bytes) -> Table:
@@ -183,11 +159,12 @@ def _text(content: bytes) -> Table:
     kept = [row for row in rows[first:] if row]
     if len(kept) * style.width > _MOST_NUMBERS:
         raise ValueError(f"it has {len(kept) * style.width} numbers; allowed: {_MOST_NUMBERS}. Leave out columns")
+    if not kept:
+        raise ValueError(f"none of its {len(lines)} lines is a row of numbers; line 1: {shown(lines[0])}")
     if len(kept) < len(rows) - first:
         remarks.append(f"{len(rows) - first - len(kept)} line(s) are no numbers or cut off: left out")
-    headed = bool(names)
-    names = names or [str(k + 1) for k in range(style.width)]
-    return Table(names, units, np.array(kept, dtype=float).reshape(-1, style.width), remarks, headed)
+    numbered = [str(k + 1) for k in range(style.width)]
+    return Table(names or numbered, units, np.array(kept, dtype=float), remarks, headed=bool(names))
 
 
 def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]]:
@@ -200,14 +177,12 @@ def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]
         worded = [line.strip() for line in lines if line.strip()[0] not in "#%" and re.search(r"[^\W\d]", line)]
         if worded:
             width = len(style.cells(worded[-1]))
-            raise ValueError(
-                f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
-                + "; numbers with a decimal comma need another delimiter than the comma"
-                * (style.width >= 2 * width - 1)
-            )
+            comma = "; numbers with a decimal comma need another delimiter than the comma"
+            text = f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
+            raise ValueError(text + comma * (style.width >= 2 * width - 1))
         return [], {}
     names, below = found[-1], [""] * style.width
-    if len(found) > 1 and all(not cell or _looks_like_unit(cell) for cell in names):
+    if len(found) > 1 and all(not cell or _UNIT.fullmatch(cell) for cell in names):
         names, below = found[-2], [cell.strip("[]() ") for cell in names]
     units = {}
     for k, name in enumerate(names):
@@ -217,12 +192,6 @@ def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]
         if below[k]:
             units[names[k]] = below[k]
     return names, units
-
-
-def _looks_like_unit(cell: str) -> bool:
-    return bool(
-        re.fullmatch(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*", cell)
-    )
 
 
 def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
@@ -243,10 +212,8 @@ def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
             across = part if len(part) == rows else part.T
             columns |= {f"{name} {k + 1}".strip(): across[:, k] for k in range(across.shape[1])}
     if len(columns) < _FEWEST_COLUMNS:
-        raise ValueError(
-            f"its arrays {listing(arrays) or '(none)'} give {len(columns)} column(s) of numbers; needed: time, angles "
-            "and torques, arrays of one length"
-        )
+        found = f"its arrays ({listing(arrays)}) give {len(columns)} column(s) of numbers"
+        raise ValueError(f"{found}; needed: time, angles and torques, arrays of one length")
     headed = any(name and not name.isdigit() for name in columns)
     return Table(list(columns), {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
 
@@ -268,7 +235,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
         raise ValueError(f"it is no MATLAB file, or a damaged one ({' '.join(str(error).split())[:120]})") from None
     if not plain:
         raise ValueError(
-            f"its variables {listing(name for name, *_ in listed) or '(none)'} are no arrays of numbers; save the "
+            f"its variables ({listing(name for name, *_ in listed)}) are no arrays of numbers; save the "
             "fields of a struct with: save('log.mat', '-struct', 'log')"
         )
     return {name: found[name] for name, *_ in plain if isinstance(found.get(name), np.ndarray)}
@@ -285,7 +252,7 @@ def _bag(path: Path, topic: str | None) -> Table:
         ) from None
     if path.is_dir():
         read_bytes(path / "metadata.yaml", largest=_LARGEST_METADATA)
-    for file in (one for one in path.iterdir() if one.suffix in _BAG) if path.is_dir() else (path,):
+    for file in [one for one in path.iterdir() if one.suffix in _BAG] if path.is_dir() else [path]:
         with open_regular(file) as stream:
             if stream.seek(0, 2) > _LARGEST_BAG:
                 raise ValueError(f"{file.name} is larger than {_LARGEST_BAG} bytes, the limit; split the bag")
@@ -306,10 +273,8 @@ def _bag(path: Path, topic: str | None) -> Table:
     except Exception as error:  # the library lets through whatever a damaged file brings about
         raise ValueError(f"it is no ROS 2 bag, or a damaged one ({' '.join(str(error).split())[:120]})") from None
     if not states:
-        raise ValueError(
-            f"it has no joint states ({_JOINT_STATE}){f' on {topic}' if topic else ''}; topics with joint states: "
-            f"{listing(counts) or 'none'}"
-        )
+        where = f" on {topic}" if topic else ""
+        raise ValueError(f"it has no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}")
     if len(states) > _MOST_STATES:
         raise ValueError(f"{chosen} has more than {_MOST_STATES} messages; split the bag")
     others = [one for one in counts if one != chosen]

@@ -34,6 +34,7 @@ _MODEL = 0.15  # error of the rigid arm as a share of the largest torque
 _KNOWN = np.array([0.5, 0.5, 0.5, 2.0, 0.5])  # σ as a share of π_0: the rotor is known least
 _LEAST = np.array([0.05, 0.02, 0.02, 0.02, 0.05])  # of the largest π_0 of one unit, for those near 0
 _ROWS = 400  # instants of a log, at most
+_ALIKE = 0.2  # by which a gear and 2π have to differ to be told apart
 _SLOWEST = 0.1  # of the root mean square of a velocity, below which its friction has no sign
 _DELAYS = 1e-3 * np.arange(5.0, 65.0, 5.0)  # s
 _NEAR = 1e-3 * np.arange(-4.0, 5.0)  # s
@@ -46,31 +47,20 @@ _SIGNS = {  # of angles 1 and 2 and torques 1 and 2; all four together mirror th
     (-1, 1, -1, 1): "joint 1 turns the other way than joint 2",
     (1, -1, -1, 1): "angle 2 and torque 1 have the other sign",
 }
-_Signals = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """How the numbers of a log are turned into the package's angles and torques; by default they are that.
+    """How the numbers of a log are turned into the package's angles and torques; by default they are that."""
 
-    Attributes:
-        words: what the log has, in place of the package's conventions.
-        angle, torque: factors of the angles and torques of each joint.
-        exchanged: whether the joints are in the other order ("both"), or their torques alone ("torque").
-        signs: of angles 1 and 2 and torques 1 and 2.
-        absolute: whether angle 2 is measured against the vertical.
-        zero: added to the angles [rad].
-        delay: by which the torques are late [s].
-    """
-
-    words: tuple[str, ...] = ()
-    angle: tuple[float, float] = (1.0, 1.0)
-    torque: tuple[float, float] = (1.0, 1.0)
-    exchanged: str = ""
-    signs: tuple[int, ...] = (1, 1, 1, 1)
-    absolute: bool = False
-    zero: tuple[float, float] = (0.0, 0.0)
-    delay: float = 0.0
+    words: tuple[str, ...] = ()  # what the log has, in place of the package's conventions
+    angle: tuple[float, float] = (1.0, 1.0)  # factors of the joints' angles
+    torque: tuple[float, float] = (1.0, 1.0)  # and of their torques
+    exchanged: str = ""  # "both": the joints are in the other order; "torque": their torques alone
+    signs: tuple[int, ...] = (1, 1, 1, 1)  # of angles 1 and 2 and torques 1 and 2
+    absolute: bool = False  # whether angle 2 is measured against the vertical
+    zero: tuple[float, float] = (0.0, 0.0)  # added to the angles [rad]
+    delay: float = 0.0  # by which the torques are late [s]
 
     def of_angles(self, values: np.ndarray, order: int = 0) -> np.ndarray:
         """Return angles (N, 2) [rad], or their derivatives of an order, in the package's conventions."""
@@ -97,19 +87,12 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """The likely reading of a log.
+    """The likely reading of a log."""
 
-    Attributes:
-        reading: the likely one.
-        misfit: J of the log as it is.
-        after: J of the likely reading.
-        rivals: other readings that fit nearly as well, and their J.
-    """
-
-    reading: Reading
-    misfit: float
-    after: float
-    rivals: tuple[tuple[Reading, float], ...]
+    reading: Reading  # the likely one
+    misfit: float  # J of the log as it is
+    after: float  # J of the likely reading
+    rivals: tuple[tuple[Reading, float], ...]  # other readings that fit nearly as well, and their J
 
     @property
     def doubtful(self) -> bool:
@@ -134,10 +117,8 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
         gear: the ratio or the ratios by which the logs were brought to the joint's side; it is doubted too.
     """
     data = [_Thinned(log) for log in logs]
-    largest = math.sqrt(max(np.mean(np.concatenate([one.torque**2 for one in data]), axis=0).max(), 1e-18))
-    found = [
-        (reading, *_misfit(data, reading, start, largest)) for reading in _readings(tuple(gear), several=len(logs) > 1)
-    ]
+    largest = math.sqrt(max(np.mean(np.concatenate([one.torque() ** 2 for one in data]), axis=0).max(), 1e-18))
+    found = [(one, *_misfit(data, one, start, largest)) for one in _readings(tuple(gear), several=len(logs) > 1)]
     plain = found[0]
     best = min(found, key=lambda one: math.log(one[1]) - len(one[0].words) * math.log(_PER_CHANGE))
     if best[0].delay:
@@ -151,34 +132,25 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
         best = plain
     most = max(len(best[0].words), 1)
     rivals = sorted(
-        (
-            one
-            for one in found
-            if len(one[0].words) <= most and one[1] < _RIVAL * best[1] and one[0].words != best[0].words
-        ),
-        key=lambda one: one[1],
+        (misfit, place, one)
+        for place, (one, misfit, *_) in enumerate(found)
+        if len(one.words) <= most and misfit < _RIVAL * best[1] and one.words != best[0].words
+        if not (best[0].delay and one.delay)
     )
-    others = tuple((one[0], one[1]) for one in rivals if not (best[0].delay and one[0].delay))
-    return Diagnosis(best[0], plain[1], best[1], others[:3])
+    return Diagnosis(best[0], plain[1], best[1], tuple((one, misfit) for misfit, _, one in rivals[:3]))
 
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
-    """Yield the log as it is, then readings with one or two changes."""
-    one = (1.0, 1.0)
-    units = [
-        ("", one, one),
-        ("the angles look like degrees", (math.pi / 180.0,) * 2, one),
-        ("the angles look like turns", (2.0 * math.pi,) * 2, one),
-    ]
-    if several:
-        units.append(("the torques look like N mm", one, (1e-3, 1e-3)))
+    """Yield the log as it is, then readings with one or two changes; without `several`, none of the torque's scale."""
+    one, degree, already = (1.0, 1.0), math.pi / 180.0, "look like those of the joint's side already, without --gear"
+    units = [("", one, one), ("the angles look like degrees", (degree, degree), one)]
+    if not any(abs(ratio / math.tau - 1.0) < _ALIKE for ratio in gear):
+        units.append(("the angles look like turns", (math.tau, math.tau), one))
     if gear:
-        ratio = (gear[0], gear[-1])
-        less = (1.0 / gear[0], 1.0 / gear[-1])
-        units.append(("angles and torques look like those of the joint's side already, without --gear", ratio, less))
-        units.append(("the angles look like those of the joint's side already, without --gear", ratio, one))
-        if several:
-            units.append(("the torques look like those of the joint's side already, without --gear", one, less))
+        more, less = (gear[0], gear[-1]), (1.0 / gear[0], 1.0 / gear[-1])
+        units += [(f"angles and torques {already}", more, less), (f"the angles {already}", more, one)]
+        units += [(f"the torques {already}", one, less)] * several
+    units += [("the torques look like N mm", one, (1e-3, 1e-3))] * several
     zeros = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
     exchanges = {"": "", "both": "the joints look exchanged", "torque": "the torques look exchanged"}
     signs = {(1, 1, 1, 1): ""} | _SIGNS
@@ -206,18 +178,15 @@ class _Thinned:
     def __init__(self, log: Log) -> None:
         motion = log.smoothed()
         settled = np.arange(len(log.angle))[motion.settled]
-        chosen = settled[:: max(1, len(settled) // _ROWS)]
-        self.parts: _Signals = motion.q[chosen], motion.dq[chosen], motion.ddq[chosen]
-        self.torque = motion.torque[chosen]
-        self.weight = motion.independent / len(chosen)
-        self._smooth, self._chosen, self._period = motion.torque, chosen, log.period
+        self._chosen = settled[:: max(1, len(settled) // _ROWS)]
+        self.parts = tuple(part[self._chosen] for part in (motion.q, motion.dq, motion.ddq))
+        self.weight = motion.independent / len(self._chosen)
+        self._torque, self._period = motion.torque, log.period
 
-    def torque_after(self, delay: float) -> np.ndarray:
+    def torque(self, delay: float = 0.0) -> np.ndarray:
         """Return the smooth torques (N, 2) [N m] a time [s] later."""
-        if not delay:
-            return self.torque
-        at, every = self._chosen + delay / self._period, np.arange(len(self._smooth))
-        return np.stack([np.interp(at, every, one) for one in self._smooth.T], axis=1)
+        at, every = self._chosen + delay / self._period, np.arange(len(self._torque))
+        return np.stack([np.interp(at, every, one) for one in self._torque.T], axis=1)
 
 
 def _misfit(
@@ -227,7 +196,7 @@ def _misfit(
     normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
     for one in data:
         q, dq, ddq = (reading.of_angles(part, order) for order, part in enumerate(one.parts))
-        torque = reading.of_torques(one.torque_after(reading.delay))
+        torque = reading.of_torques(one.torque(reading.delay))
         moving = np.abs(dq) > _SLOWEST * np.sqrt(np.mean(dq * dq, axis=0))
         for joint, rows in enumerate(regressor(q, dq, ddq, start.length[0], start.gravity)):
             kept = moving[:, joint]
@@ -246,7 +215,7 @@ def _constrained(normal: np.ndarray, slope: np.ndarray, total: float, known: np.
     right[:5] += weight * known
     size = np.sqrt(np.maximum(np.diag(damped), 1e-300))
     factor = np.linalg.cholesky(damped / np.outer(size, size) + 1e-9 * np.eye(len(size)))
-    base = nnls(factor.T, np.linalg.solve(factor, right / size))[0] / size
+    base = nnls(factor.T, np.linalg.solve(factor, right / size), maxiter=1000)[0] / size
     left = max(float(base @ normal @ base - 2.0 * slope @ base) + total, 0.0)
     beside = float(np.sum(weight * (base[:5] - known) ** 2))
-    return math.sqrt((left + beside) / total), math.sqrt(left / total)
+    return math.sqrt(max(left + beside, 1e-18) / total), math.sqrt(left / total)

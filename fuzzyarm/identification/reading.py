@@ -35,21 +35,18 @@ _UNITS = {
     "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3},
 }
 """SI units in each unit, as `_tables.unit_of` writes it."""
-_ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # of names, as in time_ms
+_ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # stated by a name: time_ms
 _WORDS = {
-    "time": ("time", "t", "timestamp", "timestamps", "stamp", "seconds", "sec", "zeit"),
-    "q": ("q", "pos", "position", "positions", "angle", "angles", "theta", "phi"),
-    "dq": ("dq", "qd", "qdot", "vel", "velocity", "velocities", "omega", "speed", "dtheta"),
-    "tau": ("tau", "torque", "torques", "effort", "efforts", "moment"),
+    "time": "time t timestamp timestamps stamp seconds sec zeit",
+    "q": "q pos position positions angle angles theta phi",
+    "dq": "dq qd qdot vel velocity velocities omega speed dtheta",
+    "tau": "tau torque torques effort efforts moment",
 }
-_KIND = {word: kind for kind, words in _WORDS.items() for word in words}
-_IDLE_WORDS = frozenset(
-    ("joint", "joints", "state", "states", "motor", "meas", "measured", "actual", "act", "axis", "j")
+_KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_IDLE_WORDS = "joint joints state states motor meas measured actual act axis j"
+_DEMANDED = (
+    "des desired ref reference cmd command commanded target set goal err error link ff est std raw filtered temp"
 )
-_DEMANDED = frozenset(
-    ("des", "desired", "ref", "reference", "cmd", "command", "commanded", "target", "set", "goal", "err", "error",
-     "link", "ff", "est", "std", "raw", "filtered", "temp")
-)  # fmt: skip
 _ROLE = re.compile(r"time|topic|(q|dq|tau)[1-9]\d?")
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
 _FASTEST, _SLOWEST = 5e-5, 0.05  # s, median steps from which a unit of time is guessed
@@ -95,10 +92,13 @@ def read_log(
     try:
         table = read_table(path, columns.pop("topic", None))
         roles = _roles_of(table, columns)
-        return _pieces(table, roles, units, tuple(gear), delay, path.name)
+        logs = _pieces(table, roles, units, gear, delay)
     except (TypeError, ValueError) as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+    names = [path.name, *(f"{path.name}, part {k}" for k in range(2, len(logs) + 1))]
+    logs = [dataclasses.replace(log, name=name) for log, name in zip(logs, names, strict=True)]
+    return dataclasses.replace(logs[0], remarks=tuple(dict.fromkeys(table.remarks))), *logs[1:]
 
 
 def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
@@ -121,14 +121,11 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
         if role in roles or key not in guessed:
             continue
         several = guessed[key] if role != "time" else guessed[key][:1]
-        exact = [
-            k for k in several if table.names[k] in (role, role.replace("q", "q_motor"), role.replace("tau", "torque"))
-        ]
-        if len(several) > 1 and len(exact) != 1:
+        if len(several) > 1:
             raise ValueError(
                 f"columns {listing(table.names[k] for k in several)} may each be {role}; choose: --columns {role}=NAME"
             )
-        roles[role] = (exact or several)[0]
+        roles[role] = several[0]
     joints = 0
     while f"q{joints + 1}" in roles or f"tau{joints + 1}" in roles:
         joints += 1
@@ -137,17 +134,16 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
     if missing:
         example = ",".join(f"{role}=NAME" for role in missing[:5])
         where = f"among {listing(table.names)}" if table.headed else f"in {len(table.names)} columns without a heading"
-        raise ValueError(
-            f"no column is known to be {', '.join(missing)} {where}; name them, or their numbers: --columns {example}"
-        )
+        text = f"no column is known to be {', '.join(missing)} {where}"
+        raise ValueError(f"{text}; name them, or their numbers: --columns {example}")
     speeds = [f"dq{j + 1}" for j in range(joints)]
     kept = needed + (speeds if all(role in roles for role in speeds) else [])
-    twice = [role for role in kept if [roles[other] for other in kept].count(roles[role]) > 1]
+    found = {role: roles[role] for role in kept}
+    twice = [role for role, k in found.items() if list(found.values()).count(k) > 1]
     if twice:
-        raise ValueError(
-            f"{' and '.join(twice[:2])} are the same column {shown(table.names[roles[twice[0]]])}; give each its own"
-        )
-    return {role: roles[role] for role in kept}
+        name = shown(table.names[found[twice[0]]])
+        raise ValueError(f"{' and '.join(twice[:2])} are the same column {name}; give each its own")
+    return found
 
 
 def _column(table: Table, role: str, name: str) -> int:
@@ -165,10 +161,10 @@ def _meaning(name: str) -> tuple[str, str]:
     if len(words) > 1 and words[-1] in _ENDINGS:
         words = words[:-1]
     kinds = [word for word in words if word in _KIND]
-    if not kinds or _DEMANDED & set(words):
+    if not kinds or set(_DEMANDED.split()).intersection(words):
         return "", ""
     kind = next((word for word in kinds if _KIND[word] != "time"), kinds[0])
-    label = [word for word in words if word != kind and word not in _IDLE_WORDS]
+    label = [word for word in words if word != kind and word not in _IDLE_WORDS.split()]
     return (_KIND[kind], " ".join(label)) if _KIND[kind] != "time" or not label else ("", "")
 
 
@@ -208,48 +204,34 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
 
 
 def _pieces(
-    table: Table,
-    roles: dict[str, int],
-    units: Mapping[str, str | float],
-    gear: tuple[float, ...],
-    delay: float,
-    name: str,
-) -> tuple[Log, ...]:
+    table: Table, roles: dict[str, int], units: Mapping[str, str | float], gear: Sequence[float], delay: float
+) -> list[Log]:
     """Return the evenly spaced logs of a table."""
     values, remarks = table.values[:, list(roles.values())], table.remarks
-    empty = [table.names[k] for role, k in roles.items() if not np.isfinite(table.values[:, k]).any()]
-    if empty:
-        raise ValueError(f"column {shown(empty[0])} holds no numbers; choose another with --columns")
     whole = np.isfinite(values).all(axis=1)
+    for place in roles.values():
+        if not np.isfinite(table.values[:, place]).any():
+            raise ValueError(f"column {shown(table.names[place])} holds no numbers; choose another with --columns")
     if not whole.all():
         remarks.append(f"{np.count_nonzero(~whole)} row(s) lack a number: left out")
-    values = values[whole]
     joints = sum(role.startswith("tau") for role in roles)
-    names = {
-        kind: [table.names[k] for role, k in roles.items() if role.rstrip("0123456789") == kind] for kind in _UNITS
-    }
     if len(gear) not in (0, 1, joints):
         raise ValueError(f"gear has {len(gear)} ratios; allowed: one, or one for each of {joints} joints")
     ratio = np.array([checks.real("gear", one, low=1.0 / _LARGEST_GEAR, high=_LARGEST_GEAR) for one in gear] or [1.0])
-    angle_unit = _unit(table, "q", names["q"], units) or 1.0
-    angle = values[:, 1 : 1 + joints] * angle_unit / ratio
-    torque = values[:, 1 + joints : 1 + 2 * joints] * (_unit(table, "tau", names["tau"], units) or 1.0) * ratio
-    velocity = values[:, 1 + 2 * joints :]
-    if names["dq"]:
-        velocity = velocity * (_unit(table, "dq", names["dq"], units) or angle_unit) / ratio
-    time = _seconds(values[:, 0], _unit(table, "time", names["time"], units), remarks)
+    kinds = [role.rstrip("0123456789") for role in roles]
+    part = {kind: values[whole][:, [one == kind for one in kinds]] for kind in _UNITS}
+    names = np.array([table.names[k] for k in roles.values()])
+    size = {kind: _unit(table, kind, names[[one == kind for one in kinds]].tolist(), units) for kind in _UNITS}
+    angle, torque = part["q"] * (size["q"] or 1.0) / ratio, part["tau"] * (size["tau"] or 1.0) * ratio
+    velocity = part["dq"] * (size["dq"] or size["q"] or 1.0) / (ratio if part["dq"].size else 1.0)
+    time = _seconds(part["time"][:, 0], size["time"], remarks)
     signals = np.concatenate([angle, velocity, torque], axis=1)
     logs = []
-    for stamps, part in _cut(time, signals, remarks):
-        period, angles, held = _even(stamps, part[:, :-joints], part[:, -joints:], delay, remarks)
-        log = Log(period, angles[:, :joints], held, angles[:, joints:] if angles.shape[1] > joints else None, name)
+    for stamps, piece in _cut(time, signals, remarks):
+        period, angles, held = _even(stamps, piece[:, :-joints], piece[:, -joints:], delay, remarks)
+        log = Log(period, angles[:, :joints], held, angles[:, joints:] if angles.shape[1] > joints else None)
         logs.append(_trimmed(log, remarks))
-    logs = _with_true_velocities(logs, remarks)
-    labels = [name if len(logs) == 1 else f"{name}, part {k}" for k in range(1, len(logs) + 1)]
-    return tuple(
-        dataclasses.replace(log, name=label, remarks=tuple(dict.fromkeys(remarks)) if k == 0 else ())
-        for k, (log, label) in enumerate(zip(logs, labels, strict=True))
-    )
+    return _with_true_velocities(logs, remarks)
 
 
 def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.ndarray:

@@ -142,7 +142,7 @@ def test_what_a_robot_does_to_a_log_is_undone_and_said(tmp_path):
     for phrase in ("2 stamp(s) do not increase", "1 gap(s) in time of more than 20 ms: 2 part(s)", "resampled",
                    "idle ends are cut off: 1.", "idle ends are cut off: 0 s and 1."):  # fmt: skip
         assert any(phrase in remark for remark in first.remarks), (phrase, first.remarks)
-    assert (first.name, second.name, second.remarks) == ("log.csv, part 1", "log.csv, part 2", ())
+    assert (first.name, second.name, second.remarks) == ("log.csv", "log.csv, part 2", ())
     for log in (first, second):
         begins = np.arange(0.0, time[-1] - log.duration, 1e-4)[:, np.newaxis]
         at = begins + log.period * np.arange(0, len(log.angle), 50)
