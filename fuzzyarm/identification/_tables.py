@@ -148,7 +148,8 @@ def _text(content: bytes) -> Table:
     if scores[best][0] < _FEWEST_COLUMNS:
         raise ValueError(
             f"neither comma, semicolon, tab nor space divides its lines into {_FEWEST_COLUMNS} or more columns of "
-            f"numbers; line in the middle: {shown(lines[len(lines) // 2])}"
+            "numbers; write a line for each instant, with one delimiter throughout, not as in "
+            f"{shown(lines[len(lines) // 2])}"
         )
     style = dataclasses.replace(_STYLES[best], width=scores[best][1])
     if style.mark == ",":
