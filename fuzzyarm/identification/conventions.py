@@ -151,7 +151,7 @@ def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
         units += [(f"angles and torques {already}", more, less), (f"the angles {already}", more, one)]
         units += [(f"the torques {already}", one, less)] * several
     units += [("the torques look like N mm", one, (1e-3, 1e-3))] * several
-    zeros = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
+    zeros = (0.0, 0.5 * math.pi, -math.pi, -0.5 * math.pi)
     exchanges = {"": "", "both": "the joints look exchanged", "torque": "the torques look exchanged"}
     signs = {(1, 1, 1, 1): ""} | _SIGNS
     for unit, absolute, sign, zero1, zero2, exchanged in itertools.product(

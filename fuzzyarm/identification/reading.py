@@ -63,7 +63,7 @@ def read_log(
     *,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str | float] | None = None,
-    gear: Sequence[float] = (),
+    gear: tuple[float, ...] = (),
     delay: float = 0.0,
 ) -> tuple[Log, ...]:
     """Return the log in a file, cut at its gaps: delimited text, NumPy, MATLAB, or joint states of a ROS 2 bag.
@@ -83,7 +83,9 @@ def read_log(
     """
     path = checks.path_of("path", path)
     delay = checks.real("delay", delay, "s", low=-_LATEST, high=_LATEST)
-    columns, units = dict(columns or {}), dict(units or {})
+    columns, units = dict(checks.instance("columns", columns or {}, dict)), checks.instance("units", units or {}, dict)
+    checks.instance("gear", gear, tuple)
+    checks.texts("columns", [*columns, *columns.values()])
     for role in columns:
         if not _ROLE.fullmatch(role):
             raise ValueError(f"columns has {shown(role)}; allowed: time, q1, dq1, tau1, q2, ... and topic")
@@ -188,8 +190,9 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
         raise ValueError(f"the columns {listing(names)} have several units; convert them to one")
     if isinstance(text, str) and not text:
         return None
-    with contextlib.suppress(ValueError):
-        text = float(text)
+    if isinstance(text, str):
+        with contextlib.suppress(ValueError):
+            text = float(text)
     if not isinstance(text, str):
         return checks.real(f"unit of {kind}", text, above=0.0)
     short = unit_of(text)
