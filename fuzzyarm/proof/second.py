@@ -39,23 +39,30 @@ __all__ = ["LOOSER", "SecondCheck", "check"]
 LOOSER = 1.02
 """The checker's own bound may be larger than the file's by this factor; its sentence states its own bound."""
 
-_ROOM = 1.1  # factor on the radii of the file: enclosures here are wider in places
 _FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)  # far below a µm of the tip
-_FLOORS = (0.01, 0.1, 1.0)  # shares of it that are added to the radii, the first that do
+# factors on the radii of the file and on `_FLOOR`, which is added: enclosures here are wider in places; the first that do
+_ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
 _LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip")
+_SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
 _CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
 _PERIOD, _BITS, _SMALL, _ULPS, _UP = 1e-3, 96, 2.0**-44, 2.0**-48, 1.0 + 1e-10
-_NODES, _RADII, _TURNS = 12, (8.0, 16.0, 32.0), 96
-_BOTH = range(2)
-# Rows of S; those of the file, in its order. The first eight are ξ without δu.
+_NODES, _RADII, _TURNS, _BOTH = 12, (8.0, 16.0, 32.0), 96, range(2)
+_FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)  # far below a µm of the tip
+# Factors on the radii of the file and on `_FLOOR`, which is added, as enclosures here are wider in places: in turn.
+_ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
+# Rows of S, in the order of the file; the first eight are ξ without δu.
 _Q, _V, _DQ, _BEND, _RATE, _NET, _MOTOR, _LINK = (slice(i, i + 2) for i in range(2, 18, 2))
-_MOTORS, _JOINTS, _LINKS = (slice(i, i + 2) for i in range(0, 6, 2))  # channels of w
-_DEFAULTS: dict[str, Any] = {
-    **dict.fromkeys(("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction"), [1.0, 1.0]),
-    "payload": [0.0, 0.0], "force": [1.0, 1.0], "friction": "law", "force_swing": 0.0, "force_course": 0.0,
-    "noise": [0.0, 0.0], "late": 0,
+_SEEN, _SEEN_AS = [2, 3, 6, 7, 16, 17], {"q": _Q, "dq": _DQ, "ddq": _LINK}  # rows of δq, δq̇ and δq̈
+_JOINTS, _LINKS = slice(2, 4), slice(4, 6)  # channels of w, behind those of the motors
+_LINKED = ("mass", "mass_center", "inertia")
+_RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
+_FIXED: dict[str, Any] = {
+    "payload": [0.0, 0.0], "force": [1.0, 1.0], "force_swing": 0.0, "force_course": 0.0, "noise": [0.0, 0.0], "late": 0,
 }  # fmt: skip
-_RANGES = tuple(_DEFAULTS)[:6]
+_DEFAULTS: dict[str, Any] = {**dict.fromkeys(_RANGES, [1.0, 1.0]), **_FIXED, "friction": "law"}
+_KNOWN = {
+    "case": "nominal", "path": "circle", "arm": None, "points": None, "start": None, "laps": "one", "later": [],
+}  # fmt: skip
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -86,78 +93,73 @@ class SecondCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        found = {"file": str(self.path), "checker": "second", "proven": self.proven, "reason": self.reason}
-        return found | {"bound": self.bound if self.proven else None, "about": self.about, "seconds": self.seconds}
+        found = {"file": str(self.path), "checker": "second", "verdict": self.verdict, "proven": self.proven}
+        bound = self.bound if self.proven else None
+        return found | {"bound": bound, "reason": self.reason, "about": self.about, "seconds": self.seconds}
 
     def to_text(self) -> str:
         """Return the result as text."""
-        said = f"tip within {math.ceil(1e10 * self.bound) / 1e7:.4g} mm, proven" if self.proven else self.reason
-        return f"  second checker: {self.verdict} ({self.seconds:.1f} s): {said}; {self.about}"
+        said = f"tip within {1.0005e3 * self.bound:.4g} mm" if self.proven else ascii(self.reason)[1:-1]
+        return f"{ascii(str(self.path))[1:-1]}: {self.verdict} ({self.seconds:.1f} s)\n  second checker: {said}; {self.about}"
 
 
 def check(path: Path) -> SecondCheck:
     """Derive the bound of a file again; OSError or ValueError if it cannot be read."""
     begin = time.perf_counter()
-    document = json.loads(Path(path).read_bytes(), parse_constant=_no_number)
     try:
-        claim = _Claim(document)
-    except (KeyError, TypeError, IndexError, AttributeError) as error:
+        claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
+    except (LookupError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{path}: not the file of a bound: {error!r}") from None
 
     def answer(verdict: str, reason: str, bound: float = math.nan) -> SecondCheck:
         return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin)
 
     if unknown := claim.unknown():
-        return answer("NOT CHECKED", unknown)
-    bits, done = ctx.prec, 0
+        return answer("NOT CHECKED", f"it does not know {unknown}")
+    bits, done, most = ctx.prec, 0, 0.0
     try:
         ctx.prec = _BITS
-        tips = []
-        for done, tip in enumerate(_Tube(claim), 1):
-            if not tip <= LOOSER * claim.tip[done - 1]:
-                raise _Refused(f"the tip may err by {1e3 * tip:.4g} mm, and the file says {1e3 * claim.tip[done - 1]:.4g}")
-            tips.append(tip)
-        if not max(tips) <= LOOSER * claim.bound:
-            raise _Refused(f"the tip may err by {1e3 * max(tips):.4g} mm")
+        for done, found in enumerate(_Tube(claim), 1):
+            stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
+            for one, other in zip(found, stated, strict=False):
+                if not one <= LOOSER * min(other, claim.bound):
+                    raise _Refused(f"the tip may err by {1e3 * one:.4g} mm, and the file says {1e3 * other:.4g}")
+            most = max(most, *found[: len(stated)])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         return answer("NOT PROVEN", f"control step {done + 1}: {error}")
     finally:
         ctx.prec = bits
-    return answer("PROVEN", "", max(tips))
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    return answer("PROVEN", "", most)
 
 
 class _Claim:
     """The content of a file."""
 
     def __init__(self, document: dict[str, Any]) -> None:
-        self.schema, self.policy, self.case = document["schema"], str(document["policy"]), document["case"]
-        self.path, self.duration, self.files = document["path"], float(document["duration"]), document["files"]
-        self.plants: dict[str, Any] = dict(_DEFAULTS) | document["plants"]
-        self.bound, self.tip, self.steps = float(document["bound"]), document["tip"], document["steps"]
+        self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document["files"]
+        self.known = {name: document.get(name, value) for name, value in _KNOWN.items()}
+        self.duration, self.bound = float(document["duration"]), float(document["bound"])
+        self.plants: dict[str, Any] = _DEFAULTS | document["plants"]
+        self.tip, self.whole, self.steps = document["tip"], document.get("whole", []), document["steps"]
+        if self.schema == _SCHEMAS[1] and len(self.whole) != len(self.tip):
+            raise LookupError("whole")
 
     def unknown(self) -> str:
         """Return what of the claim this checker does not know; empty if it knows all of it."""
-        fixed = {name: value for name, value in _DEFAULTS.items() if name not in (*_RANGES, "friction")}
-        changed = [name for name, value in self.plants.items() if name not in _RANGES and fixed.get(name, value) != value]
-        changed += [name for name in self.plants if name not in _DEFAULTS]
-        if self.policy not in _LAWS:
-            return f"the second checker does not know the law {self.policy!r}; it knows {' and '.join(_LAWS)}"
-        if self.case != "nominal" or self.path != "circle" or changed or self.schema != "fuzzyarm-tip-bound/1":
-            odd = [*changed, *(str(x) for x in (self.schema, self.case, self.path))]
-            return f"the second checker knows the circle of case nominal and no {odd[0]}" if changed else (
-                f"the second checker knows the circle of case nominal in one tube, not {', '.join(odd)}"
-            )
-        return ""
+        odd = [] if self.policy in _LAWS else [f"the law {self.policy!r}, only {' and '.join(_LAWS)}"]
+        odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
+        odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value != _KNOWN[name]]
+        odd += [f"sets with {name}" for name in self.plants if name not in _DEFAULTS]
+        odd += [f"sets with {name}" for name, value in _FIXED.items() if self.plants[name] != value]
+        whole = abs(self.duration / _PERIOD - round(self.duration / _PERIOD)) < 1e-9
+        return ", ".join([*odd, *([] if whole else ["a duration of broken periods"])])
 
     def words(self) -> str:
         """Return law, set and motion in words; the label of the file is not used."""
         said = [f"{name} {value}" for name, value in self.plants.items() if value != _DEFAULTS.get(name)]
         plants = f"with {', '.join(said)}" if said else "table-1"
-        return f"{ascii(self.policy)[1:-1]}, set {plants}, {len(self.tip)} samples of the {self.path} in {self.duration:g} s"
+        motion = f"{len(self.tip)} samples of the {self.known['path']} in {self.duration:g} s"
+        return ascii(f"{self.policy}, set {plants}, {motion}")[1:-1]
 
 
 # Plant -----------------------------------------------------------------------------------------------------------
@@ -178,8 +180,8 @@ def _ends(x: Any) -> tuple[float, float]:
     return middle - radius - spare, middle + radius + spare
 
 
-def _hull(low: float, high: float) -> Any:
-    return arb(low).union(arb(high))
+def _about(x: Any, radius: float) -> Any:
+    return x + arb(0, radius)
 
 
 def _read(value: Any) -> Any:
@@ -189,8 +191,8 @@ def _read(value: Any) -> Any:
 
 def _lumped(robot: dict[str, Any], link: int) -> list[Any]:
     """Return what a link adds to c_1, ..., c_5: m r² + I etc., from the equations of motion."""
-    L, m, r, inertia = (arb(x) for x in (robot["length"][0], *(robot[n][link] for n in ("mass", "mass_center", "inertia"))))
-    g, own = arb(robot["gravity"]), m * r * r + inertia
+    m, r, inertia = (arb(robot[name][link]) for name in ("mass", "mass_center", "inertia"))
+    L, g, own = arb(robot["length"][0]), arb(robot["gravity"]), m * r * r + inertia
     return [own + m * L * L, m * L * r, own, m * g * L, m * g * r] if link else [own, arb(0), arb(0), m * g * r, arb(0)]
 
 
@@ -216,28 +218,30 @@ class _Plant:
     """The arms of a set: constants in the middle, in balls, and the half widths of their ranges."""
 
     def __init__(self, robot: dict[str, Any], plants: dict[str, Any]) -> None:
-        ranges = {name: [_range(plants[name], j) for j in _BOTH] for name in _RANGES}
-        middle = {name: [(arb(low) + arb(high)) / 2 for low, high in both] for name, both in ranges.items()}
-        half = {name: [(arb(high) - arb(low)) / 2 for low, high in both] for name, both in ranges.items()}
-        self.any = plants["friction"] == "any"
-        if plants["friction"] not in ("law", "any"):
-            raise _Refused(f"friction {plants['friction']!r}")
-
-        def of(field: str, name: str) -> list[Any]:
-            return [middle[name][j] * arb(robot[field][j]) for j in _BOTH]
-
-        self.inertia, self.viscous = of("motor_inertia", "motor_inertia"), of("viscous_friction", "viscous_friction")
-        self.stiffness, self.damping = of("stiffness", "stiffness"), of("damping", "damping")
-        self.static, self.coulomb = of("static_friction", "dry_friction"), of("coulomb_friction", "dry_friction")
+        middle, half = dict[str, list[Any]](), dict[str, list[Any]]()
+        for name in _RANGES:
+            both = plants[name] if isinstance(plants[name][0], list) else [plants[name]] * 2
+            if len(both) != 2 or not all(0.0 <= low <= high < 1e6 for low, high in both):
+                raise _Refused(f"the range {plants[name]} of {name}")
+            middle[name] = [(arb(low) + arb(high)) / 2 for low, high in both]
+            half[name] = [(arb(high) - arb(low)) / 2 for low, high in both]
+        names = ("motor_inertia", "viscous_friction", "stiffness", "damping", "static_friction", "coulomb_friction")
+        scaled = [(field, middle[field if field in _RANGES else "dry_friction"]) for field in names]
+        parts = [[factor[j] * arb(robot[field][j]) for j in _BOTH] for field, factor in scaled]
+        self.inertia, self.viscous, self.stiffness, self.damping, self.static, self.coulomb = parts
+        self.any = ("law", "any").index(plants["friction"]) == 1
         self.stribeck, self.length = arb(robot["stribeck_velocity"]), [arb(x) for x in robot["length"]]
         links = [_lumped(robot, j) for j in _BOTH]
         self.c = [sum((middle["mass"][j] * links[j][i] for j in _BOTH), arb(0)) for i in range(5)]
         self.masses = {j: [half["mass"][j] * x for x in links[j]] for j in _BOTH if not half["mass"][j].is_zero()}
-        self.share = [_share(*ranges["dry_friction"][j]) for j in _BOTH]
-        self.half = {
-            name: [_upper(half[name][j] * arb(robot[name][j])) if not half[name][j].is_zero() else 0.0 for j in _BOTH]
-            for name in ("motor_inertia", "viscous_friction", "stiffness", "damping")
-        }
+        self.share = [  # ends of the dry friction's factor, relative to its middle
+            (1.0, 1.0) if wide.is_zero() else (_ends(1 - wide / at)[0], _ends(1 + wide / at)[1])
+            for wide, at in zip(half["dry_friction"], middle["dry_friction"], strict=True)
+        ]
+        self.half = {}
+        for name in ("motor_inertia", "viscous_friction", "stiffness", "damping"):
+            wide = [half[name][j] * arb(robot[name][j]) for j in _BOTH]
+            self.half[name] = np.array([0.0 if x.is_zero() else _upper(x) for x in wide])
         kinds = [(name, j) for name in _RANGES for j in _BOTH if not half[name][j].is_zero()]
         self.column = {kind: i for i, kind in enumerate(kinds)}  # of the zonotope, by constant
 
@@ -252,11 +256,11 @@ class _Plant:
         return -2 * depth / self.stribeck * x * (-x * x).exp()
 
     def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
-        """Return the ends of F' on speeds in [low, high], piece by piece."""
-        cuts = np.linspace(low, high, 9).tolist()
-        found = [_ends(self.slope(joint, _hull(a, b))) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
-        steepest = self.steepest(joint)
-        return max(min(x for x, _ in found), -steepest), min(max(x for _, x in found), steepest)
+        """Return the ends of F' on speeds in [low, high]: it falls up to v_s/√2, where it is steepest, then rises."""
+        (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
+        turn = _ends(self.stribeck / arb(2).sqrt())
+        inside = low <= turn[1] and high >= turn[0]
+        return min(a, c, -self.steepest(joint) if inside else math.inf), max(b, d)
 
     def steepest(self, joint: int) -> float:
         """Return a bound of |F'|, which is (F_s - F_c)/v_s times the largest 2 x exp(-x²), √2 e^(-1/2)."""
@@ -268,26 +272,7 @@ class _Plant:
         return _ends(self.friction(joint, arb(fastest)))[0], _ends(self.friction(joint, arb(slowest)))[1]
 
 
-def _range(given: Any, joint: int) -> tuple[float, float]:
-    low, high = given[joint] if isinstance(given[0], list) else given
-    if not 0.0 <= float(low) <= float(high) < 1e6:
-        raise _Refused(f"the range {given} of a set")
-    return float(low), float(high)
-
-
-def _share(low: float, high: float) -> tuple[float, float]:
-    """Return the ends of the dry friction's factor relative to its middle."""
-    if low == high:
-        return 1.0, 1.0
-    middle = (arb(low) + arb(high)) / 2
-    return _ends(arb(low) / middle)[0], _ends(arb(high) / middle)[1]
-
-
 # Reference and law -----------------------------------------------------------------------------------------------
-
-
-def _about(x: Any, radius: float) -> Any:
-    return x + arb(0, radius)
 
 
 def _solved(J: list[list[Any]], x: list[Any]) -> list[Any]:
@@ -303,9 +288,9 @@ def _tip(q: list[Any], length: list[Any]) -> tuple[list[Any], list[list[Any]]]:
     return tip, [[-length[0] * one.sin() + second[0], second[0]], [length[0] * one.cos() + second[1], second[1]]]
 
 
-def _on_circle(t: float, duration: float) -> tuple[list[Any], list[Any], list[Any]]:
+def _on_circle(t: Any, duration: float) -> tuple[list[Any], list[Any], list[Any]]:
     """Return p, ṗ, p̈ on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, by the quintic law."""
-    x = arb(t) / arb(duration) if t < duration else arb(1)
+    x = t / arb(duration)
     s, ds = x**3 * (10 - 15 * x + 6 * x * x), 30 * (x * (1 - x)) ** 2 / arb(duration)
     dds, turn, R = 60 * x * (1 - x) * (1 - 2 * x) / arb(duration) ** 2, -2 * arb.pi(), arb(0.2)
     psi, rate, bend = arb.pi() / 2 + turn * s, turn * ds, turn * dds
@@ -317,19 +302,17 @@ def _on_circle(t: float, duration: float) -> tuple[list[Any], list[Any], list[An
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
     """Return q_d, q̇_d, q̈_d in balls that hold the policy's floats: q = p⁻¹, q̇ = J⁻¹ ṗ, q̈ = J⁻¹ (p̈ - J̇ q̇), elbow q2 > 0."""
-    p, dp, ddp = _on_circle(t, duration)
+    p, dp, ddp = _on_circle(arb(t), duration)
     one, two = length
     q2 = ((p[0] * p[0] + p[1] * p[1] - one * one - two * two) / (2 * one * two)).acos()
     q = [arb.atan2(p[1], p[0]) - arb.atan2(two * q2.sin(), one + two * q2.cos()), q2]
-    J = _tip(q, length)[1]
+    J, both = _tip(q, length)[1], q[0] + q[1]
     v = _solved(J, dp)
     inner, outer = one * v[0] ** 2, two * (v[0] + v[1]) ** 2
-    both = q[0] + q[1]
-    a = _solved(J, [
-        ddp[0] + inner * q[0].cos() + outer * both.cos(), ddp[1] + inner * q[0].sin() + outer * both.sin()
-    ])  # fmt: skip
-    size = 1.0 + sum(map(_upper, v)) + sum(_upper(x) ** 2 for x in v) + sum(map(_upper, a))
-    return [_about(x, _ULPS) for x in q], [_about(x, _ULPS * size) for x in v], [_about(x, _ULPS * size) for x in a]
+    turn = [inner * q[0].cos() + outer * both.cos(), inner * q[0].sin() + outer * both.sin()]
+    a = _solved(J, [x + y for x, y in zip(ddp, turn, strict=True)])
+    size = _ULPS * (1.0 + sum(map(_upper, v)) + sum(_upper(x) ** 2 for x in v) + sum(map(_upper, a)))
+    return [_about(x, _ULPS) for x in q], [_about(x, size) for x in v], [_about(x, size) for x in a]
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
@@ -355,27 +338,19 @@ def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
 
 
 class _Law:
-    """u = Σ h(z) K (e, ė, x_I) + Σ (h(z) - h(z_d)) L r + u_ff, with e and r of θ_d; z = cos θ_2 and -c_5 sinc(θ_1 + θ_2)."""
+    """u = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r + u_ff, e and r of θ_d, z = (cos θ_2, -c_5 sinc(θ_1 + θ_2)).
+
+    L(z) r = -A(z) (θ_d, θ̇_d) + E(z) θ̈_d is affine in z, so that the rules blend it exactly.
+    """
 
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         robot = self.robot = {name: _read(value) for name, value in document["robot"].items()}
         if document["kept"] != ["z1", "z3"] or document["form"] != "consistent" or not document["integral"]:
             raise _Refused("the controller file is of another form")
-        self.nominal = _Plant(robot, _DEFAULTS)
-        self.duration, plant = duration, self.nominal
-        bounds = [[arb(x) for x in pair] for pair in _read(document["bounds"])]
-        self._low, self._width = (bounds[0][0], bounds[2][0]), (bounds[0][1] - bounds[0][0], bounds[2][1] - bounds[2][0])
-        z2, z4, z5 = ((bounds[i][0] + bounds[i][1]) / 2 for i in (1, 3, 4))
-        c, fv = plant.c, plant.viscous
-        gains, self._rules = _read(document["gains"]), {}
-        for i in _BOTH:  # of z3, which the A of the rules depends on
-            z3 = bounds[2][i]
-            A = [[z2, z3, -fv[0] + 2 * z4, z4], [z3, z3, z5, -fv[1]]]
-            for k in _BOTH:  # of z1, on which E depends
-                m = c[2] + c[1] * bounds[0][k]
-                E = [[plant.inertia[0] + c[0] + 2 * c[1] * bounds[0][k], m], [m, plant.inertia[1] + c[2]]]
-                L = [[*(-x for x in A[j]), *E[j]] for j in _BOTH]
-                self._rules[i, k] = [([arb(x) for x in gains[i][k][j]], L[j]) for j in _BOTH]
+        self.nominal, self.duration = _Plant(robot, _DEFAULTS), duration
+        self._bounds = [[arb(x) for x in _read(document["bounds"])[i]] for i in (0, 2)]
+        gains = _read(document["gains"])  # by vertex of A (z3), of E (z1), and joint
+        self._gains = [[[[arb(x) for x in row] for row in gains[i][k]] for k in _BOTH] for i in _BOTH]
         self._past: list[list[Any]] = []  # τ_d of the last samples, the latest first
         self._before: list[Any] = []
 
@@ -401,57 +376,63 @@ class _Law:
             slips.append(side * n.friction(j, middle))
         before, self._before = self._before or smooth, smooth
         u_ff = [s + (s - old) / 2 + slip for s, old, slip in zip(smooth, before, slips, strict=True)]
-        return [target[j][i] for i in range(3) for j in _BOTH], [_about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff]
+        return [target[j][i] for i in range(3) for j in _BOTH], [
+            _about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff
+        ]
 
-    def _shares(self, one: Any, two: Any) -> list[Any]:
-        """Return ω of z1 and z3 at motor angles."""
-        z = two.cos(), -self.nominal.c[4] * (one + two).sinc()
-        found = [(x - low) / width for x, low, width in zip(z, self._low, self._width, strict=True)]
-        if not all(0 < share < 1 for share in found):
+    def _blended(self, z: list[Any], j: int) -> tuple[list[Any], list[Any], list[Any]]:
+        """Return the gains (6,) of joint j at premises z, and their derivatives by both of them."""
+        (first, third), widths = z, [high - low for low, high in self._bounds]
+        w1, w3 = ((x - low) / width for x, (low, _), width in zip((first, third), self._bounds, widths, strict=True))
+        if not (0 < w1 < 1 and 0 < w3 < 1):
             raise _Refused("a premise leaves its bounds")
-        return found
+        corners = list(zip(*(self._gains[i][k][j] for i in _BOTH for k in _BOTH), strict=True))
+        gains = [(1 - w3) * ((1 - w1) * a + w1 * b) + w3 * ((1 - w1) * c + w1 * d) for a, b, c, d in corners]
+        by_1 = [((1 - w3) * (b - a) + w3 * (d - c)) / widths[0] for a, b, c, d in corners]
+        return gains, by_1, [((1 - w1) * (c - a) + w1 * (d - b)) / widths[1] for a, b, c, d in corners]
 
-    def _slopes(self, at: list[Any], x: list[Any], r: list[Any]) -> list[list[Any]]:
-        """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at motor angles `at` and errors x."""
-        share = self._shares(*at)
-        both = at[0] + at[1]
-        turn = -at[1].sin() / self._width[0], -self.nominal.c[4] * (both.cos() - both.sinc()) / both / self._width[1]
-        weight = {(i, k): _of(share[1], i) * _of(share[0], k) for i in _BOTH for k in _BOTH}
-        slopes = []
+    def _premises(self, one: Any, two: Any) -> list[Any]:
+        return [two.cos(), -self.nominal.c[4] * (one + two).sinc()]
+
+    def _slopes(self, x: list[Any], r: list[Any]) -> list[list[Any]]:
+        """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at x = (θ, θ̇, x_I)."""
+        z, both, c2 = self._premises(*x[:2]), x[0] + x[1], self.nominal.c[1]
+        turn, error = -self.nominal.c[4] * (both.cos() - both.sinc()) / both, self._error(x, r)
+        ahead, slopes = [(c2 * (2 * r[4] + r[5]), -r[1]), (c2 * r[4], -r[0] - r[1])], []
         for j in _BOTH:
-            row = [sum((weight[rule] * self._rules[rule][j][0][p] for rule in weight), arb(0)) for p in range(6)]
-            asked = {rule: _dot(self._rules[rule][j][0], x) + _dot(self._rules[rule][j][1], r) for rule in weight}
-            by_1 = sum((_of(share[1], i) * (asked[i, 1] - asked[i, 0]) for i in _BOTH), arb(0)) * turn[0]
-            by_3 = sum((_of(share[0], k) * (asked[1, k] - asked[0, k]) for k in _BOTH), arb(0)) * turn[1]
-            slopes.append([row[0] + by_3, row[1] + by_1 + by_3, *row[2:]])
+            gains, by_1, by_3 = self._blended(z, j)
+            first = (_dot(by_1, error) + ahead[j][0]) * -x[1].sin()
+            third = (_dot(by_3, error) + ahead[j][1]) * turn
+            slopes.append([gains[0] + third, gains[1] + first + third, *gains[2:]])
         return slopes
 
-    def respond(self, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], np.ndarray, np.ndarray, list[Any]]:
-        """Return u at a point (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box, and θ_d."""
+    @staticmethod
+    def _error(x: list[Any], r: list[Any]) -> list[Any]:
+        return [*(a - b for a, b in zip(x[:4], r[:4], strict=True)), *x[4:]]
+
+    def respond(
+        self, k: int, point: list[float], box: np.ndarray
+    ) -> tuple[list[Any], np.ndarray, np.ndarray, list[Any]]:
+        """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
         r, u_ff = self._target(k)
-        exact = [arb(x) for x in point]
-        wide = [_about(x, radius) for x, radius in zip(exact, box.tolist(), strict=True)]
-        at, errors = [], [[*(a - b for a, b in zip(part[:4], r[:4], strict=True)), *part[4:]] for part in (exact, wide)]
-        share, aim = self._shares(*exact[:2]), self._shares(*r[:2])
+        x = [arb(number) for number in point]
+        wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
+        slopes, c2 = self._slopes(wide, r), self.nominal.c[1]
+        centre = np.array([[float(a.mid()) for a in row] for row in self._slopes(x, r)])
+        z = self._premises(*x[:2])
+        first, third = (a - b for a, b in zip(z, self._premises(*r[:2]), strict=True))
+        own = [c2 * first * (2 * r[4] + r[5]) - third * r[1], c2 * first * r[4] - third * (r[0] + r[1])]
+        u, rest = [], np.zeros(2)
         for j in _BOTH:
-            total = u_ff[j]
-            for (i, m), rule in self._rules.items():
-                weight = _of(share[1], i) * _of(share[0], m)
-                change = weight - _of(aim[1], i) * _of(aim[0], m)
-                total += weight * _dot(rule[j][0], errors[0]) + change * _dot(rule[j][1], r)
-            at.append(total)
-        centre = np.array([[float(x.mid()) for x in row] for row in self._slopes(exact[:2], errors[0], r)])
-        slopes, rest = self._slopes(wide[:2], errors[1], r), np.zeros(2)
-        for j in _BOTH:
-            rest[j] = sum(_upper(x - c) * radius for x, c, radius in zip(slopes[j], centre[j].tolist(), box.tolist(), strict=True))
-            sizes = [_dot([abs(x) for x in K], [abs(x) for x in errors[1]]) + _dot([abs(x) for x in L], [abs(x) for x in r])
-                     for K, L in (rule[j] for rule in self._rules.values())]  # fmt: skip
-            rest[j] += _ULPS * max(map(_upper, sizes))  # rounding in the law, in whatever order it adds
-        return at, centre, rest * _UP, r[:2]
-
-
-def _of(share: Any, side: int) -> Any:
-    return share if side else 1 - share
+            gains, error = self._blended(z, j)[0], self._error(wide, r)
+            u.append(_dot(gains, self._error(x, r)) + own[j] + u_ff[j])
+            left = [
+                _upper(a - c) * radius for a, c, radius in zip(slopes[j], centre[j].tolist(), box.tolist(), strict=True)
+            ]
+            # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
+            sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in error])) + 200.0 * sum(map(_upper, r)) + 1.0
+            rest[j] = sum(left) + 2.0 * _ULPS * sizes
+        return u, centre, rest * _UP, r[:2]
 
 
 def _dot(a: list[Any], b: list[Any]) -> Any:
@@ -461,17 +442,10 @@ def _dot(a: list[Any], b: list[Any]) -> Any:
 # Courses along the centre ----------------------------------------------------------------------------------------
 
 
-def _tables() -> tuple[Any, Any]:
-    """Return the powers (N, 8) of the Chebyshev nodes, and the matrix (N, N) from values at them to coefficients."""
-    angles = [arb.pi() * (2 * i + 1) / (2 * _NODES) for i in range(_NODES)]
-    turned = [[(j * angle).cos() * 2 / _NODES / (1 if j else 2) for angle in angles] for j in range(_NODES)]
-    return arb_mat([[angle.cos() ** p for p in range(8)] for angle in angles]), arb_mat(turned)
-
-
 class _Course:
     """f(s) = Σ c_j T_j(s) ± `left` on a segment."""
 
-    def __init__(self, c: list[Any], left: float = 0.0) -> None:
+    def __init__(self, c: list[Any], left: float) -> None:
         self.c, self.left = c, left
         self.sizes = [_upper(x) for x in c]
 
@@ -493,64 +467,58 @@ class _Course:
             ends, beside = [_ends(self.c[0])], (sum(self.sizes[1:]) + self.left) * _UP
         return min(low for low, _ in ends) - beside, max(high for _, high in ends) + beside
 
-    def ball(self, radius: float = 0.0) -> Any:
+    def ball(self, radius: float) -> Any:
         """Return a ball around the range, larger by a radius."""
         low, high = self.range()
-        return _hull(low - radius, high + radius)
+        return arb(low - radius).union(arb(high + radius))
 
 
 class _Motion:
-    """The centre on a segment: θ, q and their derivatives by time, at the nodes and as courses."""
+    """The centre on a segment: θ and q as polynomials in s, and their derivatives by time t = begin + h (s + 1)/2."""
 
-    def __init__(self, angles: list[list[float]], duration: float, tables: tuple[Any, Any]) -> None:
+    def __init__(self, angles: list[list[float]], h: float, begin: float) -> None:
         if len(angles) != 4 or any(len(row) != 8 for row in angles):
             raise _Refused("the centre has four polynomials of degree 7")
-        powers, self._turned = tables
-        rate = 2 / arb(duration)
         rows = [[arb(x) for x in row] for row in angles]
         self.polynomials = [rows]
         for _ in _BOTH:
-            rows = [[rate * i * x for i, x in enumerate(row)][1:] + [arb(0)] for row in rows]
+            rows = [[*[2 * i * x / arb(h) for i, x in enumerate(row)][1:], arb(0)] for row in rows]
             self.polynomials.append(rows)
-        self.nodes = [(powers * arb_mat(part).transpose()).table() for part in self.polynomials]  # (N, 4) each
-        self._discs = [[[_horner(row, (r + 1 / r) / 2) for row in part] for part in self.polynomials] for r in _RADII]
+        turns = [arb.pi() * (2 * i + 1) / (2 * _NODES) for i in range(_NODES)]
+        self._turned = arb_mat([[(j * x).cos() * 2 / _NODES / (1 if j else 2) for x in turns] for j in range(_NODES)])
+        discs = [acb(arb(0, (r + 1 / r) / 2), arb(0, (r + 1 / r) / 2)) for r in _RADII]
+        self._nodes, self._discs = (
+            [(*self._at(s), begin + (s + 1) * arb(h) / 2) for s in part] for part in ([x.cos() for x in turns], discs)
+        )
 
-    def at(self, side: int) -> list[Any]:
+    def _at(self, s: Any) -> list[list[Any]]:
+        """Return angles, velocities and accelerations (4,) of θ and q at s."""
+        powers = [s**i for i in range(8)]
+        return [[_dot(row, powers) for row in part] for part in self.polynomials]
+
+    def ends(self, s: int) -> list[Any]:
         """Return θ, q, θ̇, q̇ (8,) at s = -1 or 1."""
-        return [sum((x * side**i for i, x in enumerate(row)), arb(0)) for part in self.polynomials[:2] for row in part]
+        x, v, _ = self._at(arb(s))
+        return [*x, *v]
 
-    def courses(self, functions: list[Callable[..., list[Any]]]) -> list[list[_Course]]:
-        """Return f(x, v, a) as courses for functions of θ and q (4,), their velocities and accelerations.
-
-        The first function is linear: its courses are polynomials of less than N coefficients, and exact.
-        """
-        values = [[f(*at) for f in functions] for at in zip(*self.nodes, strict=True)]
-        flat = arb_mat([[x for part in row for x in part] for row in values])
-        columns = (self._turned * flat).transpose().table()
-        places = iter(columns)
-        beyond = [[f(*disc) for disc in self._discs] for f in functions[1:]]
+    def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
+        """Return f(x, v, a, t) as courses; those of a linear function of x, v, a are polynomials, and exact."""
+        functions = [linear, *others]
+        values = [[f(*at) for f in functions] for at in self._nodes]
+        places = iter(
+            (self._turned * arb_mat([[x for part in row for x in part] for row in values])).transpose().table()
+        )
+        exact = [_Course(next(places), 0.0) for _ in values[0][0]]
         found = []
-        shares = [4.0 * r ** (1 - _NODES) / (r - 1.0) * _UP for r in _RADII]
-        for number, value in enumerate(values[0]):
-            left = [0.0] * len(value)
-            if number:
-                sizes = [[_size(x) * share for x in disc] for disc, share in zip(beyond[number - 1], shares, strict=True)]
-                left = np.min(sizes, axis=0).tolist()
-            found.append([_Course(next(places), one) for one in left])
-        return found
-
-
-def _horner(row: list[Any], radius: float) -> Any:
-    """Return the values of a polynomial on the square around |s| <= radius."""
-    s, value = acb(arb(0, radius), arb(0, radius)), acb(0)
-    for x in reversed(row):
-        value = value * s + x
-    return value
-
-
-def _size(x: Any) -> float:
-    found = float(x.abs_upper())
-    return found if math.isfinite(found) else math.inf
+        for f in others:
+            left = []
+            for r, disc in zip(_RADII, self._discs, strict=True):
+                sizes = [float(x.abs_upper()) for x in f(*disc)]
+                left.append(
+                    [4.0 * r ** (1 - _NODES) / (r - 1.0) * (x if x < math.inf else math.inf) * _UP for x in sizes]
+                )
+            found.append([_Course(next(places), one) for one in np.min(left, axis=0).tolist()])
+        return exact, found
 
 
 # Tube ------------------------------------------------------------------------------------------------------------
@@ -558,30 +526,33 @@ def _size(x: Any) -> float:
 
 def _floats(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return middles and radii of a matrix of balls."""
-    rows, columns = matrix.nrows(), matrix.ncols()
-    entries = matrix.entries()
-    middle = np.array([float(x.mid()) for x in entries]).reshape(rows, columns)
-    radius = np.array([float(x.rad()) for x in entries]).reshape(rows, columns)
+    shape, entries = (matrix.nrows(), matrix.ncols()), matrix.entries()
+    middle, radius = (np.array([float(x) for x in part]).reshape(shape) for part in zip(*map(_split, entries)))
     if not np.isfinite(middle).all():
         raise _Refused("a matrix is not finite")
     return middle, radius * _UP + 2.0**-52 * np.abs(middle)
 
 
+def _split(x: Any) -> tuple[Any, Any]:
+    return x.mid(), x.rad()
+
+
 def _above(matrix: Any) -> np.ndarray:
     middle, radius = _floats(matrix)
-    return (np.abs(middle) + radius) * _UP
+    return np.asarray((np.abs(middle) + radius) * _UP)
 
 
-def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray | None = None) -> np.ndarray:
+def _product(matrix: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Return a product with many columns, block by block: no library starts threads for it."""
+    return np.hstack([matrix @ G[:, at : at + 1000] for at in range(0, max(G.shape[1], 1), 1000)])
+
+
+def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return bounds of |X G g|, with `own` added to the columns of the constants."""
-    middle, radius = rows
-    image = middle @ G
-    total = np.abs(G).sum(axis=1) * _UP
-    spare = (radius + _SMALL / 4 * np.abs(middle)) @ total
-    if own is not None:
-        image[:, : own.shape[1]] += own
-        spare = spare + _SMALL * np.abs(own).sum(axis=1)
-    return np.asarray((np.abs(image).sum(axis=1) + spare) * _UP)
+    image = _product(rows[0], G)
+    image[:, : own.shape[1]] += own
+    spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
+    return np.asarray((np.abs(image).sum(axis=1) + spare * _UP) * _UP)
 
 
 def _growth(size: np.ndarray, h: float) -> np.ndarray:
@@ -592,58 +563,50 @@ def _growth(size: np.ndarray, h: float) -> np.ndarray:
         total += term
     if not term.sum(axis=1).max() < 1e-9:
         raise _Refused("the linear equation is too fast for its segment")
-    return (total + 2.0 * (term @ total).max()) * _UP
+    return np.asarray((total + 2.0 * (term @ total).max()) * _UP)
 
 
 class _Friction:
     """The friction of one motor on a segment: what its plan makes of it."""
 
-    def __init__(self, plant: _Plant, joint: int, plan: str, mode: int, motion: Any, known: tuple[float, float]) -> None:
+    def __init__(
+        self, plant: _Plant, joint: int, plan: str, mode: int, known: tuple[float, float], motion: Any
+    ) -> None:
         self.joint, self.plan, self.known, self._plant = joint, plan, known, plant
-        self.side = mode if mode in (-1, 1) else 0
         self.net, self.needed, self.v, self.a, self.slips = motion  # N, P, v, θ̈ and F(v) of the centre
-        self._rests = all(x.is_zero() for x in self.v.c)
+        self.side, self._rests = (mode if mode in (-1, 1) else 0), all(x.is_zero() for x in self.v.c)
         self.static, self.share = _ends(plant.friction(joint, arb(0))), plant.share[joint]
         self.uncertain = max(1.0 - self.share[0], self.share[1] - 1.0)
-        self.inertia = _ends(plant.inertia[joint])[0]
-        if plan not in ("any", "held", "slip", "monotone", "mixed") or (plan == "any") != plant.any or mode not in (-1, 0, 1, 2):
-            raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit the set")
-        if (plan == "held" and not (self._rests and known == (0.0, 0.0))) or (plan == "slip" and not self.side):
-            raise _Refused(f"motor {joint + 1} does not {'rest' if plan == 'held' else 'slip'}")
-        self.missed = self._missed() if self.side else math.inf
-        self.slope = 0.0
-        if plan == "slip":
-            self.slope = -float(plant.slope(joint, arb(abs(0.5 * sum(self.v.range())))).mid())
-
-    def _missed(self) -> float:
-        """Return a bound of |P - σ F(v)| along the centre."""
+        self.inertia, self._range = _ends(plant.inertia[joint])[0], self.v.range()
+        plans = ("any",) if plant.any else ("held", "slip", "monotone", "mixed")
+        fits = plan in plans and mode in (-1, 0, 1, 2) and (self.side or plan != "slip")
+        if not fits or (plan == "held" and not (self._rests and known == (0.0, 0.0))):
+            raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit")
         parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
-        return (sum(parts) + self.needed.left + self.slips.left) * _UP
+        self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound of |P - σ F(v)|
+        at = arb(abs(0.5 * sum(self._range)))
+        self.slope = -float(plant.slope(joint, at).mid()) if plan == "slip" else 0.0
 
     def parted(self, start: float, h: float, driving: float) -> float:
         """Return a bound of |δv| by Lemma 2, for |δN| and the constants within `driving` [N m]."""
-        if self.side:
+        eta, aside = self.needed.size() + self.share[1] * self.static[1], 0.0
+        if self.side:  # a centre that is on the other side by `aside` is compared after that shift
             eta = self.missed + self.uncertain * self.static[1]
+            aside = max(0.0, -self._range[0] if self.side > 0 else self._range[1])
         elif self._rests:
             eta = max(0.0, self.needed.size() - self.share[0] * self.static[0])
-        else:
-            eta = self.needed.size() + self.share[1] * self.static[1]
-        low, high = self.v.range()
-        aside = max(0.0, -low if self.side > 0 else high) if self.side else 0.0
         steep = self._plant.steepest(self.joint) * self.share[1]
-        rate = steep / self.inertia * h
-        return ((start + aside + h * (driving + eta + steep * aside) / self.inertia) * math.exp(rate) + aside) * _UP
+        grown = start + aside + h * (driving + eta + steep * aside) / self.inertia
+        return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
     def bound(self, tube_v: float, spread: float, h: float) -> float:
         """Return a bound of |Γ_f + P| beside the linear slope; |N - N_y| <= `spread` [N m], constants included."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
-        low, high = self.v.range()
-        low, high = low - tube_v, high + tube_v
+        low, high = self._range[0] - tube_v, self._range[1] + tube_v
         if self.plan == "any":
             return (self.needed.size() + strong * self.static[1]) * _UP
-        if self.plan in ("monotone", "held"):
-            limit = weak * self.static[0] * (1.0 - 1e-9)
-            if self.plan == "held" and not self.net.size() + spread < limit:
+        if self.plan == "held":
+            if not self.net.size() + spread < weak * self.static[0] * (1.0 - 1e-9):
                 raise _Refused(f"motor {j + 1} may begin to move")
             return 0.0
         if self.plan == "slip":
@@ -652,45 +615,39 @@ class _Friction:
             falling, rising = plant.slopes(j, *sorted((abs(low), abs(high))))
             bent = max(abs(falling + self.slope), abs(rising + self.slope)) + self.uncertain * max(-falling, rising)
             return (self.missed + bent * tube_v) * _UP
-        least, most = self._during(low, high, spread, h)
-        need, ends = self.needed.range(), [0.0]
-        for side, slowest, fastest in ((1, max(0.0, least), most), (-1, max(0.0, -most), -least)):
-            if fastest <= 0.0:
-                continue
-            under, over = plant.strength(j, slowest, fastest)
-            if side == self.side:
-                ends.append(self.missed + plant.steepest(j) * tube_v + self.uncertain * over)
-            else:
-                pulls = -side * weak * under, -side * strong * over
-                ends += [abs(need[0] + min(pulls)), abs(need[1] + max(pulls))]
-        if least <= 0.0 <= most:  # at rest, where Γ_f = -N and the motor does not accelerate
+        falling, rising = self._rates(tube_v, spread)
+        low = max(low, min(self.known[0], 0.0) + min(falling, 0.0) * h * _UP)
+        high = min(high, max(self.known[1], 0.0) + max(rising, 0.0) * h * _UP)
+        need, found = self.needed.range(), [0.0]
+        for side, slowest, fastest in ((1, max(0.0, low), high), (-1, max(0.0, -high), -low)):
+            if fastest > 0.0:
+                under, over = plant.strength(j, slowest, fastest)
+                if side == self.side:
+                    found.append(self.missed + plant.steepest(j) * tube_v + self.uncertain * over)
+                else:
+                    pulls = -side * weak * under, -side * strong * over
+                    found += [abs(need[0] + min(pulls)), abs(need[1] + max(pulls))]
+        if low <= 0.0 <= high:  # at rest, where Γ_f = -N and the motor does not accelerate
             static, net = strong * self.static[1], self.net.range()
             rest = spread + self.inertia * (1.0 + 1e-9) * self.a.size()
             bottom, top = max(net[0] - spread, -static), min(net[1] + spread, static)
             if bottom <= top:
-                ends += [min(rest, abs(need[0] - top)) if need[0] < top else 0.0]
-                ends += [min(rest, abs(need[1] - bottom)) if need[1] > bottom else 0.0]
-        return max(ends) * _UP
+                found += [min(rest, max(0.0, top - need[0])), min(rest, max(0.0, need[1] - bottom))]
+        return max(found) * _UP
 
-    def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
+    def _rates(self, tube_v: float, spread: float) -> tuple[float, float]:
         """Return the least v̇ where v < 0, and the largest where v > 0."""
-        net, weak = self.net.range(), self.share[0]
-        back = weak * self._plant.strength(self.joint, 0.0, max(-low, 0.0))[0]
-        forth = weak * self._plant.strength(self.joint, 0.0, max(high, 0.0))[0]
+        net, weak, slowest = self.net.range(), self.share[0], (0.0, 0.0)
+        low, high = self._range[0] - tube_v, self._range[1] + tube_v
+        back, forth = (weak * self._plant.strength(self.joint, slowest[0], max(x, 0.0))[0] for x in (-low, high))
         spare = 1e-10 * (abs(net[0]) + abs(net[1]) + spread + back + forth)
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
-
-    def _during(self, low: float, high: float, spread: float, h: float) -> tuple[float, float]:
-        falling, rising = self._rates(low, high, spread)
-        least, most = min(self.known[0], 0.0) + min(falling, 0.0) * h * _UP, max(self.known[1], 0.0) + max(rising, 0.0) * h * _UP
-        return max(low, least), min(high, most)
 
     def after(self, tube_v: float, spread: float, h: float, end: float) -> tuple[float, float]:
         """Return bounds of v at the end of the segment, where the centre has the velocity `end`."""
         if self.plan in ("any", "held"):
             return (-math.inf, math.inf) if self.plan == "any" else (0.0, 0.0)
-        low, high = self.v.range()
-        falling, rising = self._rates(low - tube_v, high + tube_v, spread)
+        falling, rising = self._rates(tube_v, spread)
         least = min(0.0, min(self.known[0], 0.0) + h * falling * (1.0 - 1e-10 * np.sign(falling)))
         most = max(0.0, max(self.known[1], 0.0) + h * rising * (1.0 + 1e-10 * np.sign(rising)))
         spare = tube_v * _UP + 1e-15 * (1.0 + abs(end))
@@ -698,47 +655,42 @@ class _Friction:
 
 
 class _Tube:
-    """The tube, control step by control step: iterating gives a bound of the tip error at the end of each."""
+    """The tube: iterating gives bounds of the tip error at the end of each control step, and at any instant of it."""
 
     def __init__(self, claim: _Claim) -> None:
         name = claim.policy.removesuffix("-tip") + ".json"
         content = (_CONTROLLERS / name).read_bytes()
         if claim.files != {name: hashlib.sha256(content).hexdigest()}:
             raise _Refused(f"{name} is not the controller file of the bound")
-        document = json.loads(content)
-        self._claim, self._law = claim, _Law(document, claim.duration)
+        self._claim, self._law = claim, _Law(json.loads(content), claim.duration)
         robot = self._law.robot
         if any(robot.get(name) != value for name, value in _TABLE_1.items()):
             raise _Refused(f"{name} is not for the arm of Table 1")
-        self._limit, self._plant, self._tables = robot["torque_limit"], _Plant(robot, claim.plants), _tables()
-        total = math.ceil(claim.duration / _PERIOD - 1e-9)
-        if not 1 <= len(claim.steps) == len(claim.tip) <= total:
-            raise _Refused(f"{len(claim.steps)} control steps and {len(claim.tip)} samples of at most {total}")
-
-    def __iter__(self) -> Iterator[float]:
-        """Yield a bound of the tip error at each sample [m]."""
-        law, plant = self._law, self._plant
-        q, v, _ = _reference(0.0, self._claim.duration, law.nominal.length)
-        hung = link_torque(law.nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
-        start = [*(a + t / k for a, t, k in zip(q, hung, law.nominal.stiffness, strict=True)), *q, *[arb(0)] * 4]
-        self._centre = [float(x.mid()) for x in start]
+        self._plant = plant = _Plant(robot, claim.plants)
+        if not 1 <= len(claim.steps) == len(claim.tip) <= round(claim.duration / _PERIOD):
+            raise _Refused(f"{len(claim.steps)} control steps and {len(claim.tip)} samples in {claim.duration} s")
+        q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
+        hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
+        start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q, *[arb(0)] * 4]
+        self._centre, self._memory, self._known = [float(x.mid()) for x in start], [0.0, 0.0], [(0.0, 0.0)] * 2
         # rows: ξ with δu, then x_I; columns: the constants, then what has disturbed the motion so far
         self._G = np.zeros((12, len(plant.column)))
-        self._widen(np.array([_upper(x - c) for x, c in zip(start, self._centre, strict=True)]))
-        self._memory, self._known = [0.0, 0.0], [(0.0, 0.0)] * 2
+        self._move(start)
+        self._last = self._tip(0.0)
+
+    def __iter__(self) -> Iterator[tuple[float, float]]:
+        """Yield bounds of the tip error at the end of each control step, and during it [m]."""
         for k, parts in enumerate(self._claim.steps):
-            torque = self._sample(k)
-            begun = 0.0
+            torque, begun, most = self._sample(k), 0.0, 0.0
             for part in parts:
-                duration = float(part["duration"])
-                if not 0.0 < duration <= _PERIOD:
-                    raise _Refused(f"a segment lasts {duration} s")
-                self._cross(part, duration, torque)
-                begun += duration
+                most = max(most, self._cross(part, _PERIOD * k + begun, torque))
+                begun += part["duration"]
             if begun != _PERIOD:
                 raise _Refused(f"its segments last {begun} s")
             self._G[8:10] = 0.0
-            yield self._tip(_PERIOD * (k + 1))
+            if k % 40 == 39:
+                self._prune()
+            yield self._last, most
 
     def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
         """Add a box around the first rows, and columns."""
@@ -746,202 +698,233 @@ class _Tube:
         wide[: len(box)] = np.diag(box)
         self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
 
+    def _move(self, of: list[Any]) -> None:
+        """Measure deviations from the centre's floats instead of `of`, which differs by rounding."""
+        self._widen(np.array([_upper(x - c) for x, c in zip(of, self._centre, strict=True)]))
+
+    def _prune(self) -> None:
+        """Replace the smallest columns, at most a share of 1e-4 of any row, by the box around them."""
+        m = len(self._plant.column)
+        sizes = np.abs(self._G[:, m:])
+        totals = sizes.sum(axis=1, keepdims=True)
+        share = (sizes / np.where(totals > 0.0, totals, 1.0)).max(axis=0)
+        order = np.argsort(share)
+        small = m + order[np.cumsum(share[order]) < 1e-4]
+        box = np.abs(self._G[:, small]).sum(axis=1) * _UP
+        self._G = np.delete(self._G, small, axis=1)
+        self._widen(box)
+
     def _sample(self, k: int) -> np.ndarray:
         """Add the law's torque and its memory at t_k to the zonotope; return the torque at the centre."""
         seen = [0, 1, 4, 5, 10, 11]
-        deviations = self._G[seen]
-        box = np.abs(deviations).sum(axis=1) * _UP
-        point = [self._centre[i] for i in seen[:4]] + self._memory
+        G = self._G[seen]
+        box, point = np.abs(G).sum(axis=1) * _UP, [self._centre[i] for i in seen[:4]] + self._memory
         answer, slopes, rest, aim = self._law.respond(k, point, box)
         torque = np.array([float(u.mid()) for u in answer])
-        rounding = _SMALL * (np.abs(slopes) @ box)
-        rest = rest + rounding + [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
-        self._G[8:10] = slopes @ deviations
-        next_memory = [x + arb(_PERIOD) * (arb(p) - a) for x, p, a in zip(self._memory, point, aim, strict=False)]
-        self._G[10:12] += _PERIOD * deviations[:2]
-        self._memory = [float(x.mid()) for x in next_memory]
-        left = [_upper(x - c) + _SMALL * (abs(c) + b) for x, c, b in zip(next_memory, self._memory, box[4:] + box[:2], strict=True)]
-        self._widen(np.concatenate([np.zeros(8), rest, left]))
+        rest = (
+            rest + _SMALL * np.abs(slopes) @ box + [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
+        )
+        after = [x + arb(_PERIOD) * (arb(p) - a) for x, p, a in zip(self._memory, point[:2], aim, strict=True)]
+        self._memory = [float(x.mid()) for x in after]
+        left = [_upper(x - c) + _SMALL * abs(c) for x, c in zip(after, self._memory, strict=True)]
+        self._G[8:10], self._G[10:12] = slopes @ G, G[4:6] + _PERIOD * G[:2]
+        self._widen(np.concatenate([np.zeros(8), rest, left + _SMALL * (box[4:] + box[:2])]))
         reach = np.abs(torque) + np.abs(self._G[8:10]).sum(axis=1) * _UP
-        if not (reach < self._limit).all():
+        if not (reach < self._law.robot["torque_limit"]).all():
             raise _Refused("a motor may reach its torque limit")
         return torque
 
-    def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
-        """Return A (10, 10), b (10, 6), S (18 + 2 masses, 10) and D of ξ̇ = A ξ + b w, observed S ξ + D w."""
-        p, zero = self._plant, arb(0)
-        angle, speed, mass = slopes[0]
-        inverse = np.linalg.inv(np.array(mass))
-        A = [[zero] * 10 for _ in range(10)]
-        S, D = [[arb(i == j) for j in range(10)] for i in range(8)], [[zero] * 6 for _ in range(18)]
-        b = [[zero] * 6 for _ in range(10)]
-        pulls, nets = [], []
-        for j in _BOTH:
-            free = zero if frictions[j].plan == "held" else 1 / p.inertia[j]
-            joint = [zero] * 10
-            for place, x in ((j, p.stiffness[j]), (4 + j, p.damping[j])):
-                joint[place], joint[2 + place] = x, -x
-            net = [-x for x in joint]
-            net[4 + j], net[8 + j] = net[4 + j] - p.viscous[j], arb(1)
-            nets.append(net)
-            A[j][4 + j], A[2 + j][6 + j] = arb(frictions[j].plan != "held"), arb(1)
-            A[4 + j] = [free * x for x in net]
-            A[4 + j][4 + j] += free * arb(frictions[j].slope)
-            b[4 + j][j], b[4 + j][2 + j] = free, -free
-            for i in _BOTH:
-                joint[2 + i], joint[6 + i] = joint[2 + i] - arb(angle[j][i]), joint[6 + i] - arb(speed[j][i])
-            pulls.append(joint)
-        for i in _BOTH:
-            row = [arb(x) for x in inverse[i].tolist()]
-            A[6 + i] = [row[0] * x + row[1] * y for x, y in zip(*pulls, strict=True)]
-            b[6 + i][2:6] = row + row
-        S += [[arb(x) for x in np.eye(10)[at + j] - np.eye(10)[at + 2 + j]] for at in (0, 4) for j in _BOTH]
-        S += nets + [row[:] for row in A[4:8]]
-        D[14:18] = [row[:] for row in b[4:8]]
-        for j in _BOTH:
-            if frictions[j].plan == "monotone":  # its velocity is an input, bounded beside the linear equation
-                v = 4 + j
-                A[v], b[v], S[14 + j], D[14 + j] = [zero] * 10, [zero] * 6, [zero] * 10, [zero] * 6
-                for rows, inputs in ((A, b), (S, D)):
-                    for row, channel in zip(rows, inputs, strict=True):
-                        channel[j], row[v] = row[v], zero
-        for one in slopes[1:]:
-            for i in _BOTH:
-                terms = [(x, at + l) for x_of, at in zip(one, (2, 6, 16), strict=True) for l, x in enumerate(x_of[i])]
-                S.append([sum((arb(x) * S[at][n] for x, at in terms), zero) for n in range(10)])
-                D.append([sum((arb(x) * D[at][n] for x, at in terms), zero) for n in range(6)])
-        return arb_mat(A), arb_mat(b), arb_mat(S), arb_mat(D)
+    def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
+        """Take the zonotope over a segment; return a bound of the tip error during it [m]."""
+        p, radii, h, u = (
+            self._plant,
+            np.array(part["tube"], dtype=float),
+            part["duration"],
+            list(map(arb, torque.tolist())),
+        )
+        if radii.shape != (18,) or not (np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
+            raise _Refused("a segment has 18 radii and a duration of at most a period")
+        motion, plans, modes = _Motion(part["angles"], h, begin), part["plans"], part["modes"]
+        self._move(motion.ends(-1))
 
-    def _drives(self, courses: Any, frictions: list[_Friction]) -> tuple[np.ndarray, ...]:
-        """Return level and slope (6, m) of the constants' torques by channel, the rest (6,), and sizes on motors (2,)."""
-        p = self._plant
-        level, slope = np.zeros((6, len(p.column))), np.zeros((6, len(p.column)))
-        rest, sizes = np.zeros(6), np.zeros(2)
-        bending, rates, spins, speeds = courses[0][:2], courses[0][2:4], courses[0][8:10], courses[0][6:8]
-        made: list[tuple[int, int, float, _Course]] = []
-        for (kind, j), column in p.column.items():
-            half = p.half.get(kind, [0.0, 0.0])[j]
-            if kind == "mass":
-                place = list(p.masses).index(j)
-                made += [(column, 4 + i, -1.0, course) for i, course in enumerate(courses[2 + place])]
-            elif kind == "dry_friction":
-                if frictions[j].plan == "slip":
-                    made.append((column, j, -frictions[j].side * frictions[j].uncertain, frictions[j].slips))
-            else:
-                course = {"stiffness": bending, "damping": rates, "motor_inertia": spins, "viscous_friction": speeds}[kind][j]
-                within = kind in ("stiffness", "damping")
-                made.append((column, 2 + j if within else j, half if within else -half, course))
-                sizes[j] += half * course.size()
-        for column, channel, factor, course in made:
-            if channel in _BOTH and frictions[channel].plan == "monotone":
-                continue
-            at, by, beside = course.line()
-            level[channel, column] += factor * at
-            slope[channel, column] += factor * by
-            rest[channel] += (abs(factor) * beside + _SMALL * abs(factor) * (abs(at) + abs(by))) * _UP
-        return level, slope, rest, sizes * _UP
-
-    @staticmethod
-    def _omitted(c: list[Any], at: Any, ranges: list[list[Any]], tube: np.ndarray) -> np.ndarray:
-        """Return what the slopes `at` of the links' torque leave out on the tube (2,)."""
-        left = np.zeros(2)
-        for part, around, rows in zip(link_slopes(c, *ranges), at, (_Q, _DQ, _LINK), strict=True):
-            for j in _BOTH:
-                left[j] += sum(_upper(x - m) * r for x, m, r in zip(part[j], around[j], tube[rows].tolist(), strict=True))
-        return left * _UP
-
-    def _cross(self, part: dict[str, Any], h: float, torque: np.ndarray) -> None:
-        """Take the zonotope over a segment."""
-        p, radii = self._plant, np.array(part["tube"], dtype=float)
-        if radii.shape != (18,) or not (np.isfinite(radii).all() and (radii >= 0.0).all()):
-            raise _Refused("a tube has 18 radii")
-        motion, u = _Motion(part["angles"], h, self._tables), [arb(x) for x in torque.tolist()]
-        self._move(motion.at(-1), self._centre)
-
-        def joints(x: Any, v: Any, a: Any) -> list[Any]:
+        def linear(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
             bend, rate = ([y[j] - y[2 + j] for j in _BOTH] for y in (x, v))
-            net = [u[j] - p.stiffness[j] * bend[j] - p.damping[j] * rate[j] - p.viscous[j] * v[j] for j in _BOTH]
-            needed = [n - p.inertia[j] * a[j] for j, n in enumerate(net)]
-            return [*bend, *rate, *net, *v[:2], *a[:2], *needed]
+            pull = [p.stiffness[j] * bend[j] + p.damping[j] * rate[j] for j in _BOTH]
+            net = [u[j] - pull[j] - p.viscous[j] * v[j] for j in _BOTH]
+            return [
+                *bend,
+                *rate,
+                *net,
+                *v[:2],
+                *a[:2],
+                *(n - p.inertia[j] * a[j] for j, n in enumerate(net)),
+                *x[2:],
+                *v[2:],
+                *a[2:],
+            ]
 
-        def links(x: Any, v: Any, a: Any) -> list[Any]:
+        def defects(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
             asked = link_torque(p.c, x[2:], v[2:], a[2:])
             pull = [p.stiffness[j] * (x[j] - x[2 + j]) + p.damping[j] * (v[j] - v[2 + j]) for j in _BOTH]
-            return [*(t - r for t, r in zip(pull, asked, strict=True)), *x[2:], *v[2:], *a[2:]]
+            return [t - r for t, r in zip(pull, asked, strict=True)]
 
-        def weights(c: list[Any]) -> Callable[..., list[Any]]:
-            return lambda x, v, a: link_torque(c, x[2:], v[2:], a[2:])
+        def off(x: Any, _v: Any, _a: Any, t: Any) -> list[Any]:
+            target = _on_circle(t, self._claim.duration)[0]
+            return [a - b for a, b in zip(_tip(x[2:], p.length)[0], target, strict=True)]
 
-        def slips(x: Any, v: Any, a: Any) -> list[Any]:
-            return [p.friction(j, v[j]) for j in _BOTH]
-
-        courses = motion.courses([joints, links, *map(weights, p.masses.values()), slips])
-        plans, modes = part["plans"], part["modes"]
+        slips = [lambda _x, v, _a, _t: [p.friction(j, v[j]) for j in _BOTH]]
+        weights = [lambda x, v, a, _, c=c: link_torque(c, x[2:], v[2:], a[2:]) for c in p.masses.values()]
+        exact, (defect, errors, slip, *mass) = motion.courses(linear, [defects, off, *slips, *weights])
+        names = ("bend", "rate", "net", "v", "a", "needed", "q", "dq", "ddq")
+        along = {name: exact[2 * i : 2 * i + 2] for i, name in enumerate(names)} | {"slips": slip, "defect": defect}
         if len(plans) != 2 or len(modes) != 2:
             raise _Refused("a segment has two plans and two modes")
-        frictions = [
-            _Friction(p, j, plans[j], modes[j], [courses[0][at + j] for at in (4, 10, 6, 8)] + [courses[-1][j]], self._known[j])
-            for j in _BOTH
-        ]
+        own = [[along[name][j] for name in ("net", "needed", "v", "a", "slips")] for j in _BOTH]
+        frictions = [_Friction(p, j, plans[j], modes[j], self._known[j], own[j]) for j in _BOTH]
         middle = [[row[0] for row in of[2:]] for of in motion.polynomials]
-        all_slopes = [
-            [[[float(x.mid()) for x in row] for row in of] for of in link_slopes(c, *middle)] for c in (p.c, *p.masses.values())
+        slopes = [
+            np.array([[[float(x.mid()) for x in row] for row in of] for of in link_slopes(c, *middle)])
+            for c in (p.c, *p.masses.values())
         ]
-        A, b, S, D = self._linear(all_slopes, frictions)
-        level, slope, rest, sizes = self._drives(courses, frictions)
-        free, push, after = self._free(A, b, S, D, level, slope, h)
-        for floor in _FLOORS:
-            tube = _ROOM * radii + floor * _FLOOR
+        A, b, S, D = self._linear(slopes, frictions)
+        drives = self._drives(along, mass, frictions)
+        free, push, after = self._free(A, b, S, D, *drives[:2], h)
+        for room, floor in _ROOMS:
+            tube = room * radii + floor * _FLOOR
             try:
-                w, reached, spread = self._torques(tube, courses[1], frictions, all_slopes, rest, sizes, free, push, h)
+                w, reached, spread = self._torques(tube, along, frictions, slopes, *drives[2:], free, push, h)
             except _Refused:
-                if floor == _FLOORS[-1]:
+                if room == _ROOMS[-1][0]:
                     raise
                 continue
             if (reached < tube).all():
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(f"the tube is left in row {row + 1}, with {reached[row]:.4g}, and the file has {radii[row]:.4g}")
+            raise _Refused(
+                f"the tube is left in row {row + 1}, with {reached[row]:.4g}, and the file has {radii[row]:.4g}"
+            )
         after(w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":
                 self._G[4 + j] = 0.0
                 self._widen(np.zeros(0), w[j] * np.eye(12)[:, 4 + j : 5 + j])
-        ends = motion.at(1)
+        self._centre, before = [float(x) for x in part["end"]], self._last
+        ends = motion.ends(1)
         self._known = [f.after(tube[_V][j], spread[j], h, float(ends[4 + j].mid())) for j, f in enumerate(frictions)]
-        self._centre = [float(x) for x in part["end"]]
-        self._move(ends, self._centre)
+        self._move(ends)
+        self._last = self._tip(begin + h)
+        return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
+
+    def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
+        """Return A (10, 10), b (10, 6), S (18 + 2 masses, 10) and D of ξ̇ = A ξ + b w, observed S ξ + D w."""
+        p, zero, (angle, speed, mass) = self._plant, arb(0), slopes[0]
+        A, b, D = ([[zero] * n for _ in range(rows)] for rows, n in ((10, 10), (10, 6), (18, 6)))
+        S = [[arb(int(i == j)) for j in range(10)] for i in range(8)]
+        pulls, nets = [], []
+        for j, friction in enumerate(frictions):
+            moves = 0 if friction.plan == "held" else 1
+            free, joint = moves / p.inertia[j], [zero] * 10
+            joint[j], joint[2 + j], joint[4 + j], joint[6 + j] = (
+                p.stiffness[j],
+                -p.stiffness[j],
+                p.damping[j],
+                -p.damping[j],
+            )
+            net = [-x for x in joint]
+            net[4 + j], net[8 + j] = net[4 + j] - p.viscous[j], arb(1)
+            nets.append(net)
+            A[j][4 + j], A[2 + j][6 + j], A[4 + j] = arb(moves), arb(1), [free * x for x in net]
+            A[4 + j][4 + j] += free * arb(friction.slope)
+            b[4 + j][j], b[4 + j][2 + j] = free, -free
+            for i in _BOTH:
+                joint[2 + i], joint[6 + i] = joint[2 + i] - arb(angle[j][i]), joint[6 + i] - arb(speed[j][i])
+            pulls.append(joint)
+        for i, inverse in enumerate(np.linalg.inv(mass).tolist()):
+            A[6 + i] = [inverse[0] * x + inverse[1] * y for x, y in zip(*pulls, strict=True)]
+            b[6 + i][2:6] = list(map(arb, inverse + inverse))
+        S += [[x - y for x, y in zip(S[at + j], S[at + 2 + j], strict=True)] for at in (0, 4) for j in _BOTH]
+        S += nets + [row[:] for row in A[4:8]]
+        D[14:18] = [row[:] for row in b[4:8]]
+        for j, friction in enumerate(frictions):
+            if friction.plan == "monotone":  # its velocity is an input, bounded beside the linear equation
+                v = 4 + j
+                A[v], b[v], S[14 + j], D[14 + j] = [zero] * 10, [zero] * 6, [zero] * 10, [zero] * 6
+                for row, channel in zip([*A, *S], [*b, *D], strict=True):
+                    channel[j], row[v] = row[v], zero
+        observed = arb_mat([[*x, *y] for x, y in zip(S, D, strict=True)])
+        seen = arb_mat([observed.table()[i] for i in _SEEN])
+        rows = [
+            *observed.table(),
+            *(row for one in slopes[1:] for row in (arb_mat(np.hstack(one).tolist()) * seen).table()),
+        ]
+        return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
+
+    def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> tuple[np.ndarray, ...]:
+        """Return level and slope (6, m) of the constants' torques by channel, the rest (6,), and sizes on motors (2,)."""
+        p, m = self._plant, len(self._plant.column)
+        level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
+        signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
+        signals |= {"motor_inertia": ("a", 0, -1.0), "viscous_friction": ("v", 0, -1.0)}
+        for (kind, j), column in p.column.items():
+            friction = frictions[j]
+            if kind == "mass":
+                made += [(column, 4 + i, -1.0, course) for i, course in enumerate(mass[list(p.masses).index(j)])]
+            elif kind == "dry_friction":
+                made += (
+                    [(column, j, -friction.side * friction.uncertain, friction.slips)]
+                    if friction.plan == "slip"
+                    else []
+                )
+            else:
+                name, channel, sign = signals[kind]
+                sizes[j] += p.half[kind][j] * along[name][j].size() * _UP
+                made.append((column, channel + j, sign * p.half[kind][j], along[name][j]))
+        for column, channel, factor, course in made:
+            if channel not in _BOTH or frictions[channel].plan != "monotone":
+                at, by, beside = course.line()
+                level[channel, column], slope[channel, column] = factor * at, factor * by
+                rest[channel] += abs(factor) * (beside + _SMALL * (abs(at) + abs(by))) * _UP
+        return level, slope, rest, sizes
 
     def _torques(
-        self, tube: np.ndarray, links: list[_Course], frictions: list[_Friction], slopes: list[Any], rest: np.ndarray,
+        self, tube: np.ndarray, along: Any, frictions: list[_Friction], slopes: list[Any], rest: np.ndarray,
         sizes: np.ndarray, free: np.ndarray, push: np.ndarray, h: float,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Return w̄ (6,) on a tube, what the rows of S then reach (18,), and a bound of |N - N_y| with the constants (2,)."""
-        p, w = self._plant, rest.copy()
-        half = {name: np.array(value) for name, value in p.half.items()}
+        """Return w̄ (6,) on a tube, what S ξ then reaches (18,), and a bound of |N - N_y| with the constants (2,)."""
+        p, w, half, begin = self._plant, rest.copy(), self._plant.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
         own = half["motor_inertia"] * tube[_MOTOR] + half["viscous_friction"] * tube[_V]
         spread = (tube[_NET] + sizes + within + own) * _UP
-        begin = np.abs(self._G[4:6]).sum(axis=1) * _UP
         w[_JOINTS] += within
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":
                 w[j] = friction.parted(begin[j], h, spread[j])
             else:
                 w[j] += friction.bound(tube[_V][j], spread[j], h) + own[j]
-        ranges = [[links[at + i].ball(tube[rows][i]) for i in _BOTH] for at, rows in ((2, _Q), (4, _DQ), (6, _LINK))]
-        w[_LINKS] += [links[i].size() for i in _BOTH]
+        wide = [
+            [x.ball(r) for x, r in zip(along[of], tube[rows].tolist(), strict=True)] for of, rows in _SEEN_AS.items()
+        ]
+        radii = np.array([tube[rows] for rows in _SEEN_AS.values()])  # of q, q̇ and q̈
+        w[_LINKS] += [x.size() for x in along["defect"]]
         for c, at in zip((p.c, *p.masses.values()), slopes, strict=True):
-            w[_LINKS] += self._omitted(c, at, ranges, tube)
-        w *= _UP
-        if p.masses:  # r_p ξ, bounded by the tube or as it is observed
-            parts = [np.abs(np.array(x)) @ tube[rows] for at in slopes[1:] for x, rows in zip(at, (_Q, _DQ, _LINK), strict=True)]
-            products, others = np.sum(parts, axis=0) * _UP, w[_LINKS].copy()
-            for _ in range(4):
-                w[_LINKS] = (others + products) * _UP
-                products = np.minimum(products, (free + push @ w)[18:].reshape(-1, 2).sum(axis=0) * _UP)
+            for part, around, radius in zip(link_slopes(c, *wide), at, radii, strict=True):
+                w[_LINKS] += (
+                    np.array(
+                        [
+                            [_upper(x - m) for x, m in zip(*rows, strict=True)]
+                            for rows in zip(part, around.tolist(), strict=True)
+                        ]
+                    )
+                    @ radius
+                )
+        others = w[_LINKS] * _UP
+        products = sum((np.einsum("kij,kj->i", np.abs(one), radii) for one in slopes[1:]), np.zeros(2)) * _UP
+        for _ in range(4 if p.masses else 1):  # r_p ξ, bounded by the tube or as it is observed
             w[_LINKS] = (others + products) * _UP
+            if p.masses:
+                products = np.minimum(products, (free + push @ (w * _UP))[18:].reshape(-1, 2).sum(axis=0) * _UP)
+        w *= _UP
         reached = ((free + push @ w) * _UP)[:18]
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":
@@ -949,93 +932,84 @@ class _Tube:
                 reached[14 + j] = pull / friction.inertia * _UP
         return w, reached, spread
 
-    def _move(self, of: list[Any], to: list[float]) -> None:
-        """Measure deviations from another centre, which differs by rounding."""
-        self._widen(np.array([_upper(x - c) for x, c in zip(of, to, strict=True)]))
-
     def _free(
         self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], None]]:
-        """Return bounds of S ξ without w, those of what w = 1 adds, and the function that takes the zonotope on, for w̄.
+        """Return bounds of S ξ without w, of what w = 1 adds, and the function that takes the zonotope on, for w̄.
 
-        Between both ends S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ).
+        Between both ends S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). Over each
+        half of the segment two moments of w are columns, about the middle; the third is a box.
         """
-        m, G = level.shape[1], self._G[:10]
-        SA = S * A
-        SAA = SA * A
-        size_A, size_b = _above(A), _above(b)
-        E = _growth(size_A, h)
-        quarter = (A * (arb(h) / 4)).exp()
+        m, G, size_A, size_b, SA = level.shape[1], self._G[:10], _above(A), _above(b), S * A
+        E, quarter = _growth(size_A, h), (A * (arb(h) / 4)).exp()
         half = quarter * quarter
-        phi = _floats(half * half)
-        totals = np.abs(G).sum(axis=1) * _UP
-        moved = phi[0] @ G
-        box = (phi[1] + _SMALL / 4 * np.abs(phi[0])) @ totals
-        (feed, feed_left), (Sb, Sb_left), (SAb, SAb_left) = map(_floats, (D, S * b, SA * b))
-        if m:
-            held, held_left = self._driven(A, b, level, slope, h, size_A, E)
-            moved[:, :m] += held
-            box += held_left.sum(axis=1)
-        rows, spare = _floats(S), np.abs(level).sum(axis=1) + np.abs(slope).sum(axis=1)
-        first = _reach(rows, G, feed @ (level - slope)) + (feed_left + _SMALL * np.abs(feed)) @ spare
-        last = _reach(rows, moved, feed @ (level + slope)) + (feed_left + _SMALL * np.abs(feed)) @ spare
-        last += (np.abs(rows[0]) + rows[1]) @ box
-        kick = SAb @ (level - slope) + Sb @ slope * (2.0 / h)
-        bend = _reach(_floats(SAA), G, kick)
-        bend += (SAb_left + _SMALL * np.abs(SAb) + 2.0 / h * (Sb_left + _SMALL * np.abs(Sb))) @ spare
-        turned = np.concatenate([bend[:8], np.zeros(2)])
-        free = (np.maximum(first, last) + h * h / 8.0 * (bend + h * _above(SA) @ (E @ turned))) * _UP
-        late = h**3 / 6.0 * _above(SAA) @ (E @ size_b)
-        push = (np.abs(feed) + feed_left + h * (np.abs(Sb) + Sb_left) + h * h / 2.0 * (np.abs(SAb) + SAb_left) + late) * _UP
+        phi, rows, feed, Sb, SAb = map(_floats, (half * half, S, D, S * b, SA * b))
+        moved = _product(phi[0], G)
+        box = (phi[1] + _SMALL / 4 * np.abs(phi[0])) @ np.abs(G).sum(axis=1) * _UP
+        if m:  # ∫ e^{A (h - t)} b (level + slope s(t)) dt, by the series in A
+            power = b * arb_mat(np.hstack([level, slope]).tolist())
+            total, later = power * 0, power * 0
+            for i in range(26):
+                total, later = total + power * (arb(h) / (i + 1)), later + power * (arb(2 * h) / (i + 2))
+                power = A * power * (arb(h) / (i + 1))
+            (held, held_left), (ramp, ramp_left) = _floats(total), _floats(total - later)
+            moved[:, :m] += held[:, :m] + ramp[:, m:]
+            box += (held_left[:, :m] + ramp_left[:, m:] + _SMALL * (np.abs(held[:, :m]) + np.abs(ramp[:, m:]))).sum(
+                axis=1
+            )
+            box += 3.0 * h * E @ _above(power).sum(axis=1)
+        spare = np.abs(level).sum(axis=1) + np.abs(slope).sum(axis=1)
+        missed = [left + _SMALL * np.abs(middle) for middle, left in (feed, SAb, Sb)]
+        first = _reach(rows, G, feed[0] @ (level - slope)) + missed[0] @ spare
+        last = _reach(rows, moved, feed[0] @ (level + slope)) + missed[0] @ spare + _above(S) @ box
+        bend = _reach(_floats(SA * A), G, SAb[0] @ (level - slope) + Sb[0] @ slope * (2.0 / h))
+        bend += (missed[1] + 2.0 / h * missed[2]) @ spare
+        grown = h * _above(SA) @ (E[:, :8] @ bend[:8])  # the first rows of S are ξ; δu does not move
+        free = (np.maximum(first, last) + h * h / 8.0 * (bend + grown)) * _UP
+        push = _above(D) + h * _above(S * b) + h * h / 2.0 * _above(SA * b) + h**3 / 6.0 * _above(SA * A) @ (E @ size_b)
 
         def after(w: np.ndarray) -> None:
-            acting = np.flatnonzero(w > 0.0)
             columns, missed = [], box.copy()
             for middle in (half * quarter, quarter):  # from the middles of both halves to the end
                 for matrix, share in ((middle * b, h / 2.0), (middle * A * b, h * h / 16.0)):
                     made, left = _floats(matrix)
-                    columns.append((share * made * w)[:, acting])
+                    columns.append(share * made * w)
                     missed += share * (left + _SMALL * np.abs(made)) @ w
             missed += h**3 / 96.0 * size_A @ (size_A @ (E @ (size_b @ w)))
-            new = np.zeros((12, 4 * len(acting)))
-            new[:10] = np.hstack(columns)
+            new = np.vstack([np.hstack(columns), np.zeros((2, 4 * len(w)))])
             self._G[:10] = moved
-            self._widen(missed[:8] * _UP, new[:, np.abs(new).sum(axis=0) > 0.0])
+            self._widen(missed[:8] * _UP, new[:, new.any(axis=0)])
 
-        return free, push, after
-
-    @staticmethod
-    def _driven(
-        A: Any, b: Any, level: np.ndarray, slope: np.ndarray, h: float, size_A: np.ndarray, E: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return ∫ e^{A (h - t)} b (level + slope s(t)) dt (10, m) and its error, by the series in A."""
-        m, terms = level.shape[1], 26
-        both = b * arb_mat(np.hstack([level, slope]).tolist())
-        power, total, later = both, both * 0, both * 0
-        for i in range(terms):
-            total += power * (arb(h) / (i + 1))
-            later += power * (arb(h) * arb(h) / (i + 2))
-            power = A * power * (arb(h) / (i + 1))
-        found = [[total[i, n] + total[i, m + n] - later[i, m + n] * 2 / arb(h) for n in range(m)] for i in range(10)]
-        middle, left = _floats(arb_mat(found))
-        rest = _above(power)
-        return middle, left + 3.0 * h * E @ (rest[:, :m] + rest[:, m:])
+        return free, push * _UP, after
 
     def _tip(self, t: float) -> float:
         """Return a bound of |p(q) - p_r|: in `_TURNS` directions, with the quadratic remainder."""
-        q = [arb(x) for x in self._centre[2:4]]
-        tip, J = _tip(q, self._plant.length)
-        target = _on_circle(t, self._claim.duration)[0]
-        off = [a - b for a, b in zip(tip, target, strict=True)]
+        tip, J = _tip([arb(x) for x in self._centre[2:4]], self._plant.length)
+        off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration)[0], strict=True)]
         offset, middle = math.hypot(*map(_upper, off)) * _UP, np.array([float(x.mid()) for x in off])
-        jacobian, left = _floats(arb_mat(J))
         turns = np.pi * np.arange(_TURNS) / _TURNS
-        units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-        links = self._G[2:4]
-        radius = np.abs(links).sum(axis=1) * _UP
-        reach = np.abs(units @ jacobian @ links).sum(axis=1) * _UP + 4.0 * _SMALL * (np.abs(jacobian) @ radius).sum()
+        units, links = np.stack([np.cos(turns), np.sin(turns)], axis=1), self._G[2:4]
+        (jacobian, left), radius = _floats(arb_mat(J)), np.abs(links).sum(axis=1) * _UP
+        reach = np.abs(_product(units @ jacobian, links)).sum(axis=1) * _UP
         corner = (1.0 + 1e-10) / math.cos(0.5 * math.pi / _TURNS)
-        wide = min(offset + reach.max() * corner, ((np.abs(units @ middle) + reach).max() + _SMALL * (1.0 + offset)) * corner)
-        one, two = map(_upper, self._plant.length)
-        bent = 0.5 * (one * radius[0] ** 2 + two * (radius[0] + radius[1]) ** 2) + (left @ radius).sum() + _SMALL
-        return float((wide + bent) * _UP)
+        wide = min(offset + reach.max() * corner, (np.abs(units @ middle) + reach).max() * corner + _SMALL * offset)
+        missed = ((left + 4.0 * _SMALL * np.abs(jacobian)) @ radius).sum() + _SMALL * _SMALL
+        return float((wide + missed + self._bent(*radius)) * _UP)
+
+    def _bent(self, one: float, two: float) -> float:
+        """Return a bound of |p(q) - p(q_y) - J δq| for |δq_1| and |δq_2|."""
+        first, second = map(_upper, self._plant.length)
+        return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
+
+    def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
+        """Return how far the tip error can be above that at both ends of a segment.
+
+        A function is within h²/8 sup |f̈| of a line, and links of length L at angles φ have
+        |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
+        """
+        total = 2.0 * math.hypot(*(course.line()[2] for course in errors)) + 2.0 * self._bent(*tube[_Q])
+        moves = [[x.size() for x in along[name]] for name in ("dq", "ddq")] + [tube[rows] for rows in (_Q, _DQ, _LINK)]
+        for n, length in enumerate(self._plant.length, 1):
+            dq, ddq, r, dr, ddr = (float(sum(x[:n])) for x in moves)
+            total += h * h / 8.0 * _upper(length) * (ddr + 2.0 * dq * dr + (ddq + dq * dq) * r) * _UP
+        return total * _UP
