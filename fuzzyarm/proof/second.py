@@ -39,9 +39,6 @@ __all__ = ["LOOSER", "SecondCheck", "check"]
 LOOSER = 1.02
 """The checker's own bound may be larger than the file's by this factor; its sentence states its own bound."""
 
-_FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)  # far below a µm of the tip
-# factors on the radii of the file and on `_FLOOR`, which is added: enclosures here are wider in places; the first that do
-_ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
 _LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip")
 _SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
 _CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
@@ -52,17 +49,14 @@ _FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)
 _ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
 # Rows of S, in the order of the file; the first eight are ξ without δu.
 _Q, _V, _DQ, _BEND, _RATE, _NET, _MOTOR, _LINK = (slice(i, i + 2) for i in range(2, 18, 2))
-_SEEN, _SEEN_AS = [2, 3, 6, 7, 16, 17], {"q": _Q, "dq": _DQ, "ddq": _LINK}  # rows of δq, δq̇ and δq̈
+_SEEN = [2, 3, 6, 7, 16, 17]  # rows of δq, δq̇ and δq̈
 _JOINTS, _LINKS = slice(2, 4), slice(4, 6)  # channels of w, behind those of the motors
-_LINKED = ("mass", "mass_center", "inertia")
 _RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 _FIXED: dict[str, Any] = {
     "payload": [0.0, 0.0], "force": [1.0, 1.0], "force_swing": 0.0, "force_course": 0.0, "noise": [0.0, 0.0], "late": 0,
 }  # fmt: skip
-_DEFAULTS: dict[str, Any] = {**dict.fromkeys(_RANGES, [1.0, 1.0]), **_FIXED, "friction": "law"}
-_KNOWN = {
-    "case": "nominal", "path": "circle", "arm": None, "points": None, "start": None, "laps": "one", "later": [],
-}  # fmt: skip
+_DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
+_KNOWN = {"case": "nominal", "path": "circle", "laps": "one", "later": [], **dict.fromkeys(("arm", "points", "start"))}
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -93,14 +87,15 @@ class SecondCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        found = {"file": str(self.path), "checker": "second", "verdict": self.verdict, "proven": self.proven}
-        bound = self.bound if self.proven else None
-        return found | {"bound": bound, "reason": self.reason, "about": self.about, "seconds": self.seconds}
+        found = dataclasses.asdict(self) | {"file": str(self.path), "checker": "second", "proven": self.proven}
+        del found["path"]
+        return found | {"bound": self.bound if self.proven else None}
 
     def to_text(self) -> str:
         """Return the result as text."""
         said = f"tip within {1.0005e3 * self.bound:.4g} mm" if self.proven else ascii(self.reason)[1:-1]
-        return f"{ascii(str(self.path))[1:-1]}: {self.verdict} ({self.seconds:.1f} s)\n  second checker: {said}; {self.about}"
+        verdict = f"{ascii(str(self.path))[1:-1]}: {self.verdict} by the second checker ({self.seconds:.1f} s)"
+        return f"{verdict}\n  {self.about}: {said}"
 
 
 def check(path: Path) -> SecondCheck:
@@ -136,11 +131,11 @@ class _Claim:
     """The content of a file."""
 
     def __init__(self, document: dict[str, Any]) -> None:
-        self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document["files"]
+        self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document.get("files")
         self.known = {name: document.get(name, value) for name, value in _KNOWN.items()}
         self.duration, self.bound = float(document["duration"]), float(document["bound"])
         self.plants: dict[str, Any] = _DEFAULTS | document["plants"]
-        self.tip, self.whole, self.steps = document["tip"], document.get("whole", []), document["steps"]
+        self.tip, self.whole, self.steps = (document.get(name, []) for name in ("tip", "whole", "steps"))
         if self.schema == _SCHEMAS[1] and len(self.whole) != len(self.tip):
             raise LookupError("whole")
 
@@ -301,7 +296,7 @@ def _on_circle(t: Any, duration: float) -> tuple[list[Any], list[Any], list[Any]
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return q_d, q̇_d, q̈_d in balls that hold the policy's floats: q = p⁻¹, q̇ = J⁻¹ ṗ, q̈ = J⁻¹ (p̈ - J̇ q̇), elbow q2 > 0."""
+    """Return q_d = p⁻¹, q̇_d = J⁻¹ ṗ, q̈_d = J⁻¹ (p̈ - J̇ q̇) with q2 > 0, in balls that hold the policy's floats."""
     p, dp, ddp = _on_circle(arb(t), duration)
     one, two = length
     q2 = ((p[0] * p[0] + p[1] * p[1] - one * one - two * two) / (2 * one * two)).acos()
@@ -376,9 +371,8 @@ class _Law:
             slips.append(side * n.friction(j, middle))
         before, self._before = self._before or smooth, smooth
         u_ff = [s + (s - old) / 2 + slip for s, old, slip in zip(smooth, before, slips, strict=True)]
-        return [target[j][i] for i in range(3) for j in _BOTH], [
-            _about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff
-        ]
+        u_ff = [_about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff]
+        return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
     def _blended(self, z: list[Any], j: int) -> tuple[list[Any], list[Any], list[Any]]:
         """Return the gains (6,) of joint j at premises z, and their derivatives by both of them."""
@@ -410,9 +404,7 @@ class _Law:
     def _error(x: list[Any], r: list[Any]) -> list[Any]:
         return [*(a - b for a, b in zip(x[:4], r[:4], strict=True)), *x[4:]]
 
-    def respond(
-        self, k: int, point: list[float], box: np.ndarray
-    ) -> tuple[list[Any], np.ndarray, np.ndarray, list[Any]]:
+    def respond(self, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, np.ndarray, list[Any]]:
         """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
         r, u_ff = self._target(k)
         x = [arb(number) for number in point]
@@ -426,12 +418,10 @@ class _Law:
         for j in _BOTH:
             gains, error = self._blended(z, j)[0], self._error(wide, r)
             u.append(_dot(gains, self._error(x, r)) + own[j] + u_ff[j])
-            left = [
-                _upper(a - c) * radius for a, c, radius in zip(slopes[j], centre[j].tolist(), box.tolist(), strict=True)
-            ]
+            left = np.array([_upper(a - c) for a, c in zip(slopes[j], centre[j].tolist(), strict=True)]) @ box
             # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
             sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in error])) + 200.0 * sum(map(_upper, r)) + 1.0
-            rest[j] = sum(left) + 2.0 * _ULPS * sizes
+            rest[j] = left + 2.0 * _ULPS * sizes
         return u, centre, rest * _UP, r[:2]
 
 
@@ -503,21 +493,15 @@ class _Motion:
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
         """Return f(x, v, a, t) as courses; those of a linear function of x, v, a are polynomials, and exact."""
-        functions = [linear, *others]
-        values = [[f(*at) for f in functions] for at in self._nodes]
-        places = iter(
-            (self._turned * arb_mat([[x for part in row for x in part] for row in values])).transpose().table()
-        )
-        exact = [_Course(next(places), 0.0) for _ in values[0][0]]
-        found = []
+        values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
+        flat = arb_mat([[x for part in row for x in part] for row in values])
+        places = iter((self._turned * flat).transpose().table())
+        exact, found = [_Course(next(places), 0.0) for _ in values[0][0]], []
         for f in others:
-            left = []
-            for r, disc in zip(_RADII, self._discs, strict=True):
-                sizes = [float(x.abs_upper()) for x in f(*disc)]
-                left.append(
-                    [4.0 * r ** (1 - _NODES) / (r - 1.0) * (x if x < math.inf else math.inf) * _UP for x in sizes]
-                )
-            found.append([_Course(next(places), one) for one in np.min(left, axis=0).tolist()])
+            shares = [4.0 * r ** (1 - _NODES) / (r - 1.0) * _UP for r in _RADII]
+            sizes = np.array([[float(x.abs_upper()) for x in f(*disc)] for disc in self._discs])
+            left = np.nan_to_num(sizes * np.array(shares)[:, np.newaxis], nan=math.inf).min(axis=0)
+            found.append([_Course(next(places), one) for one in left.tolist()])
         return exact, found
 
 
@@ -527,19 +511,19 @@ class _Motion:
 def _floats(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return middles and radii of a matrix of balls."""
     shape, entries = (matrix.nrows(), matrix.ncols()), matrix.entries()
-    middle, radius = (np.array([float(x) for x in part]).reshape(shape) for part in zip(*map(_split, entries)))
+    middle = np.array([float(x.mid()) for x in entries]).reshape(shape)
+    radius = np.array([float(x.rad()) for x in entries]).reshape(shape)
     if not np.isfinite(middle).all():
         raise _Refused("a matrix is not finite")
     return middle, radius * _UP + 2.0**-52 * np.abs(middle)
 
 
-def _split(x: Any) -> tuple[Any, Any]:
-    return x.mid(), x.rad()
-
-
 def _above(matrix: Any) -> np.ndarray:
     middle, radius = _floats(matrix)
     return np.asarray((np.abs(middle) + radius) * _UP)
+
+
+_distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
 def _product(matrix: np.ndarray, G: np.ndarray) -> np.ndarray:
@@ -637,9 +621,9 @@ class _Friction:
 
     def _rates(self, tube_v: float, spread: float) -> tuple[float, float]:
         """Return the least v̇ where v < 0, and the largest where v > 0."""
-        net, weak, slowest = self.net.range(), self.share[0], (0.0, 0.0)
+        net, weak = self.net.range(), self.share[0]
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
-        back, forth = (weak * self._plant.strength(self.joint, slowest[0], max(x, 0.0))[0] for x in (-low, high))
+        back, forth = (weak * self._plant.strength(self.joint, 0.0, max(x, 0.0))[0] for x in (-low, high))
         spare = 1e-10 * (abs(net[0]) + abs(net[1]) + spread + back + forth)
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
@@ -721,9 +705,8 @@ class _Tube:
         box, point = np.abs(G).sum(axis=1) * _UP, [self._centre[i] for i in seen[:4]] + self._memory
         answer, slopes, rest, aim = self._law.respond(k, point, box)
         torque = np.array([float(u.mid()) for u in answer])
-        rest = (
-            rest + _SMALL * np.abs(slopes) @ box + [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
-        )
+        rest += _SMALL * np.abs(slopes) @ box
+        rest += [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
         after = [x + arb(_PERIOD) * (arb(p) - a) for x, p, a in zip(self._memory, point[:2], aim, strict=True)]
         self._memory = [float(x.mid()) for x in after]
         left = [_upper(x - c) + _SMALL * abs(c) for x, c in zip(after, self._memory, strict=True)]
@@ -736,37 +719,23 @@ class _Tube:
 
     def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
         """Take the zonotope over a segment; return a bound of the tip error during it [m]."""
-        p, radii, h, u = (
-            self._plant,
-            np.array(part["tube"], dtype=float),
-            part["duration"],
-            list(map(arb, torque.tolist())),
-        )
+        p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
         if radii.shape != (18,) or not (np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
             raise _Refused("a segment has 18 radii and a duration of at most a period")
         motion, plans, modes = _Motion(part["angles"], h, begin), part["plans"], part["modes"]
         self._move(motion.ends(-1))
 
+        def pull(x: Any, v: Any) -> list[Any]:
+            return [p.stiffness[j] * (x[j] - x[2 + j]) + p.damping[j] * (v[j] - v[2 + j]) for j in _BOTH]
+
         def linear(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
-            bend, rate = ([y[j] - y[2 + j] for j in _BOTH] for y in (x, v))
-            pull = [p.stiffness[j] * bend[j] + p.damping[j] * rate[j] for j in _BOTH]
-            net = [u[j] - pull[j] - p.viscous[j] * v[j] for j in _BOTH]
-            return [
-                *bend,
-                *rate,
-                *net,
-                *v[:2],
-                *a[:2],
-                *(n - p.inertia[j] * a[j] for j, n in enumerate(net)),
-                *x[2:],
-                *v[2:],
-                *a[2:],
-            ]
+            net = [arb(u) - f - p.viscous[j] * v[j] for j, (u, f) in enumerate(zip(torque, pull(x, v), strict=True))]
+            needed = [n - p.inertia[j] * a[j] for j, n in enumerate(net)]
+            bent = [y[j] - y[2 + j] for y in (x, v) for j in _BOTH]
+            return [*bent, *net, *v[:2], *a[:2], *needed, *x[2:], *v[2:], *a[2:]]
 
         def defects(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
-            asked = link_torque(p.c, x[2:], v[2:], a[2:])
-            pull = [p.stiffness[j] * (x[j] - x[2 + j]) + p.damping[j] * (v[j] - v[2 + j]) for j in _BOTH]
-            return [t - r for t, r in zip(pull, asked, strict=True)]
+            return [t - r for t, r in zip(pull(x, v), link_torque(p.c, x[2:], v[2:], a[2:]), strict=True)]
 
         def off(x: Any, _v: Any, _a: Any, t: Any) -> list[Any]:
             target = _on_circle(t, self._claim.duration)[0]
@@ -782,13 +751,9 @@ class _Tube:
         own = [[along[name][j] for name in ("net", "needed", "v", "a", "slips")] for j in _BOTH]
         frictions = [_Friction(p, j, plans[j], modes[j], self._known[j], own[j]) for j in _BOTH]
         middle = [[row[0] for row in of[2:]] for of in motion.polynomials]
-        slopes = [
-            np.array([[[float(x.mid()) for x in row] for row in of] for of in link_slopes(c, *middle)])
-            for c in (p.c, *p.masses.values())
-        ]
-        A, b, S, D = self._linear(slopes, frictions)
+        slopes = [np.vectorize(lambda x: float(x.mid()))(link_slopes(c, *middle)) for c in (p.c, *p.masses.values())]
         drives = self._drives(along, mass, frictions)
-        free, push, after = self._free(A, b, S, D, *drives[:2], h)
+        free, push, after = self._free(*self._linear(slopes, frictions), *drives[:2], h)
         for room, floor in _ROOMS:
             tube = room * radii + floor * _FLOOR
             try:
@@ -801,9 +766,7 @@ class _Tube:
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(
-                f"the tube is left in row {row + 1}, with {reached[row]:.4g}, and the file has {radii[row]:.4g}"
-            )
+            raise _Refused(f"row {row + 1} reaches {reached[row]:.4g} and leaves the tube, {radii[row]:.4g}")
         after(w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":
@@ -825,12 +788,8 @@ class _Tube:
         for j, friction in enumerate(frictions):
             moves = 0 if friction.plan == "held" else 1
             free, joint = moves / p.inertia[j], [zero] * 10
-            joint[j], joint[2 + j], joint[4 + j], joint[6 + j] = (
-                p.stiffness[j],
-                -p.stiffness[j],
-                p.damping[j],
-                -p.damping[j],
-            )
+            joint[j], joint[4 + j] = p.stiffness[j], p.damping[j]
+            joint[2 + j], joint[6 + j] = -p.stiffness[j], -p.damping[j]
             net = [-x for x in joint]
             net[4 + j], net[8 + j] = net[4 + j] - p.viscous[j], arb(1)
             nets.append(net)
@@ -852,12 +811,10 @@ class _Tube:
                 A[v], b[v], S[14 + j], D[14 + j] = [zero] * 10, [zero] * 6, [zero] * 10, [zero] * 6
                 for row, channel in zip([*A, *S], [*b, *D], strict=True):
                     channel[j], row[v] = row[v], zero
-        observed = arb_mat([[*x, *y] for x, y in zip(S, D, strict=True)])
-        seen = arb_mat([observed.table()[i] for i in _SEEN])
-        rows = [
-            *observed.table(),
-            *(row for one in slopes[1:] for row in (arb_mat(np.hstack(one).tolist()) * seen).table()),
-        ]
+        rows = [[*x, *y] for x, y in zip(S, D, strict=True)]
+        seen = arb_mat([rows[i] for i in _SEEN])
+        for one in slopes[1:]:
+            rows += (arb_mat(np.hstack(one).tolist()) * seen).table()
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> tuple[np.ndarray, ...]:
@@ -871,11 +828,8 @@ class _Tube:
             if kind == "mass":
                 made += [(column, 4 + i, -1.0, course) for i, course in enumerate(mass[list(p.masses).index(j)])]
             elif kind == "dry_friction":
-                made += (
-                    [(column, j, -friction.side * friction.uncertain, friction.slips)]
-                    if friction.plan == "slip"
-                    else []
-                )
+                factor = -friction.side * friction.uncertain if friction.plan == "slip" else 0.0
+                made.append((column, j, factor, friction.slips))
             else:
                 name, channel, sign = signals[kind]
                 sizes[j] += p.half[kind][j] * along[name][j].size() * _UP
@@ -902,28 +856,18 @@ class _Tube:
                 w[j] = friction.parted(begin[j], h, spread[j])
             else:
                 w[j] += friction.bound(tube[_V][j], spread[j], h) + own[j]
+        radii = np.array([tube[_Q], tube[_DQ], tube[_LINK]])
         wide = [
-            [x.ball(r) for x, r in zip(along[of], tube[rows].tolist(), strict=True)] for of, rows in _SEEN_AS.items()
+            [along[of][i].ball(r[i]) for i in _BOTH] for of, r in zip(("q", "dq", "ddq"), radii.tolist(), strict=True)
         ]
-        radii = np.array([tube[rows] for rows in _SEEN_AS.values()])  # of q, q̇ and q̈
         w[_LINKS] += [x.size() for x in along["defect"]]
         for c, at in zip((p.c, *p.masses.values()), slopes, strict=True):
-            for part, around, radius in zip(link_slopes(c, *wide), at, radii, strict=True):
-                w[_LINKS] += (
-                    np.array(
-                        [
-                            [_upper(x - m) for x, m in zip(*rows, strict=True)]
-                            for rows in zip(part, around.tolist(), strict=True)
-                        ]
-                    )
-                    @ radius
-                )
+            w[_LINKS] += np.einsum("kij,kj->i", _distance(link_slopes(c, *wide), at), radii) * _UP
         others = w[_LINKS] * _UP
-        products = sum((np.einsum("kij,kj->i", np.abs(one), radii) for one in slopes[1:]), np.zeros(2)) * _UP
-        for _ in range(4 if p.masses else 1):  # r_p ξ, bounded by the tube or as it is observed
+        products = np.einsum("kij,kj->i", np.abs(slopes[1:]).sum(axis=0), radii) * _UP if p.masses else np.zeros(2)
+        for _ in range(4):  # r_p ξ, bounded by the tube or as it is observed
             w[_LINKS] = (others + products) * _UP
-            if p.masses:
-                products = np.minimum(products, (free + push @ (w * _UP))[18:].reshape(-1, 2).sum(axis=0) * _UP)
+            products = np.minimum(products, (free + push @ (w * _UP))[18:].reshape(-1, 2).sum(axis=0) * _UP)
         w *= _UP
         reached = ((free + push @ w) * _UP)[:18]
         for j, friction in enumerate(frictions):
@@ -954,10 +898,9 @@ class _Tube:
                 power = A * power * (arb(h) / (i + 1))
             (held, held_left), (ramp, ramp_left) = _floats(total), _floats(total - later)
             moved[:, :m] += held[:, :m] + ramp[:, m:]
-            box += (held_left[:, :m] + ramp_left[:, m:] + _SMALL * (np.abs(held[:, :m]) + np.abs(ramp[:, m:]))).sum(
+            box += (held_left + ramp_left + _SMALL * (np.abs(held) + np.abs(ramp)) + 3.0 * h * E @ _above(power)).sum(
                 axis=1
             )
-            box += 3.0 * h * E @ _above(power).sum(axis=1)
         spare = np.abs(level).sum(axis=1) + np.abs(slope).sum(axis=1)
         missed = [left + _SMALL * np.abs(middle) for middle, left in (feed, SAb, Sb)]
         first = _reach(rows, G, feed[0] @ (level - slope)) + missed[0] @ spare
