@@ -1,23 +1,22 @@
 """A second checker of proven tip bounds, which imports nothing of this package.
 
 It reads the file of a bound and the controller file of its law as JSON and derives the bound again with equations of
-its own: plant, law and reference are written below from the pages of the documentation. Of the tube in the file it uses
-the centre y(t), the radii and the plan of each friction. On a segment of length h, with a plant z(t), δ = z - y,
-ξ = (δθ, δq, δθ̇, δq̇, δu) and the constants p = p_0 + Δp π, |π| <= 1, all of this must hold:
+its own, written from the pages of the documentation. Of the file's tube it uses the centre y(t), the radii ρ and the
+plan of each friction. On a segment of length h, with a plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants
+p = p_0 + Δp π, |π| <= 1, all of this must hold:
 
-1. *Mean values.* δ obeys ξ̇ = A ξ + b (a(t) π + w(t)), where A is linearised at the middle of the segment, a(t) are the
-   torques of the constants along the centre, and |w| <= w̄ bounds what A omits, wherever |S ξ| <= ρ: defects of the
-   centre, derivatives of the links' torques on the tube minus those in A times ρ, products Δp ρ, and friction.
-2. *Friction.* Γ_f ∈ -μ F(|v|) Sgn(v) by the plan of the file: a motor is HELD if it rests at the start and its net
-   torque stays below μ F(0); it may SLIP if its velocity keeps its sign on the tube; MONOTONE is Lemma 2 of the page,
-   MIXED is every case of Lemma 1 that the velocities allow; ANY is any torque up to the static one.
-3. *First exit.* With (1) and (2), |S ξ| <= ρ' < ρ on the segment (Lemma 3).
-4. *Sample.* The law is linearised by its Jacobian on the box of measured states, with its rounding as a remainder.
+1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), A linearised at the middle of the segment, a(t) the torques of the
+   constants along the centre, and |w| <= w̄ what A omits wherever |S ξ| <= ρ: defects of the centre, derivatives of the
+   links' torques on the tube minus those in A times ρ, products Δp ρ, and friction.
+2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the plan of the file: a motor is HELD if it rests and its net torque stays
+   below μ F(0); it may SLIP if its velocity keeps its sign on the tube; MONOTONE is Lemma 2 of the page, MIXED all
+   cases of Lemma 1 that the velocities allow; ANY is any torque up to the static one.
+3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
+4. *Sample.* The law is linearised by its Jacobian on the box of measured states; its rounding is a remainder.
 
 Balls (Arb) hold plant, law, reference and exponentials. A course f(s), s in [-1, 1], is a Chebyshev interpolant in N
 nodes; it errs by 4 M r^(1-N)/(r - 1) where |f| <= M in the ellipse with semi-axes of sum r. The set of deviations is a
-zonotope G g, |g| <= 1, in doubles whose rounding is bounded: its first columns belong to the constants, and no column
-is ever merged with another.
+zonotope G g, |g| <= 1, in doubles with their rounding: its first columns are those of the constants.
 """
 
 from __future__ import annotations
@@ -27,18 +26,16 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
-__all__ = ["LOOSER", "SecondCheck", "check"]
+__all__ = ["SecondCheck", "check"]
 
-LOOSER = 1.02
-"""The checker's own bound may be larger than the file's by this factor; its sentence states its own bound."""
-
+_LOOSER = 1.02  # the checker's own bound, which its sentence states, may be larger than the file's by this factor
 _LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip")
 _SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
 _CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
@@ -87,9 +84,9 @@ class SecondCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        found = dataclasses.asdict(self) | {"file": str(self.path), "checker": "second", "proven": self.proven}
-        del found["path"]
-        return found | {"bound": self.bound if self.proven else None}
+        found = {"file": str(self.path), "checker": "second", "verdict": self.verdict, "proven": self.proven}
+        bound = self.bound if self.proven else None
+        return found | {"bound": bound, "reason": self.reason, "about": self.about, "seconds": self.seconds}
 
     def to_text(self) -> str:
         """Return the result as text."""
@@ -117,7 +114,7 @@ def check(path: Path) -> SecondCheck:
         for done, found in enumerate(_Tube(claim), 1):
             stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
             for one, other in zip(found, stated, strict=False):
-                if not one <= LOOSER * min(other, claim.bound):
+                if not one <= _LOOSER * min(other, claim.bound):
                     raise _Refused(f"the tip may err by {1e3 * one:.4g} mm, and the file says {1e3 * other:.4g}")
             most = max(most, *found[: len(stated)])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
@@ -157,9 +154,6 @@ class _Claim:
         return ascii(f"{self.policy}, set {plants}, {motion}")[1:-1]
 
 
-# Plant -----------------------------------------------------------------------------------------------------------
-
-
 def _upper(x: Any) -> float:
     """Return a float that is not below |x| of a ball."""
     found = float(x.abs_upper()) * (1.0 + 2.0**-50) + 1e-300
@@ -180,7 +174,6 @@ def _about(x: Any, radius: float) -> Any:
 
 
 def _read(value: Any) -> Any:
-    """Return nested lists of hexadecimal floats as floats."""
     return float.fromhex(value) if isinstance(value, str) else [_read(part) for part in value]
 
 
@@ -247,27 +240,21 @@ class _Plant:
 
     def slope(self, joint: int, v: Any) -> Any:
         """Return F'(v) [N m s/rad]."""
-        x, depth = v / self.stribeck, self.static[joint] - self.coulomb[joint]
-        return -2 * depth / self.stribeck * x * (-x * x).exp()
-
-    def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
-        """Return the ends of F' on speeds in [low, high]: it falls up to v_s/√2, where it is steepest, then rises."""
-        (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
-        turn = _ends(self.stribeck / arb(2).sqrt())
-        inside = low <= turn[1] and high >= turn[0]
-        return min(a, c, -self.steepest(joint) if inside else math.inf), max(b, d)
+        return -2 * v / self.stribeck**2 * (self.friction(joint, v) - self.coulomb[joint])
 
     def steepest(self, joint: int) -> float:
-        """Return a bound of |F'|, which is (F_s - F_c)/v_s times the largest 2 x exp(-x²), √2 e^(-1/2)."""
-        depth = self.static[joint] - self.coulomb[joint]
-        return _upper(depth / self.stribeck * arb(2).sqrt() * arb(-0.5).exp())
+        """Return a bound of |F'|, which is largest at v_s/√2: there F' stops falling and begins to rise."""
+        return _upper(self.slope(joint, self.stribeck / arb(2).sqrt())) * _UP
 
-    def strength(self, joint: int, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the ends of F on speeds: it falls."""
-        return _ends(self.friction(joint, arb(fastest)))[0], _ends(self.friction(joint, arb(slowest)))[1]
+    def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
+        """Return the ends of F' on speeds in [low, high]."""
+        (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
+        turn = _ends(self.stribeck / arb(2).sqrt())
+        return min(a, c, -self.steepest(joint) if low <= turn[1] and high >= turn[0] else math.inf), max(b, d)
 
-
-# Reference and law -----------------------------------------------------------------------------------------------
+    def weakest(self, joint: int, fastest: float) -> float:
+        """Return the least F up to a speed: it falls."""
+        return _ends(self.friction(joint, arb(max(fastest, 0.0))))[0]
 
 
 def _solved(J: list[list[Any]], x: list[Any]) -> list[Any]:
@@ -291,8 +278,11 @@ def _on_circle(t: Any, duration: float) -> tuple[list[Any], list[Any], list[Any]
     psi, rate, bend = arb.pi() / 2 + turn * s, turn * ds, turn * dds
     cos, sin = psi.cos(), psi.sin()
     along, out = [-R * sin, R * cos], [R * cos, R * sin]
-    p = [arb(0.35) + out[0], arb(0.65) + out[1]]
-    return p, [rate * a for a in along], [bend * a - rate * rate * o for a, o in zip(along, out, strict=True)]
+    return (
+        [arb(0.35) + out[0], arb(0.65) + out[1]],
+        [rate * a for a in along],
+        [bend * a - rate * rate * o for a, o in zip(along, out, strict=True)],
+    )
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
@@ -311,11 +301,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign of the velocity that the law's backward differences give at rest.
-
-    It is zero but for the rounding of 11 τ - 18 τ + 9 τ - 2 τ, whose sign takes the last bit of τ = g(q_d): this sum is
-    repeated in doubles.
-    """
+    """Return the sign of θ̇_d at rest: zero but for rounding of 11 τ - 18 τ + 9 τ - 2 τ, a sum repeated in doubles."""
     (one, two), g = robot["length"], robot["gravity"]
     (m1, m2), (r1, r2) = robot["mass"], robot["mass_center"]
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
@@ -328,8 +314,7 @@ def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
     rate = (11.0 * now - 18.0 * now + 9.0 * now - 2.0 * now) / (6.0 * _PERIOD)
     curvature = (2.0 * now - 5.0 * now + 4.0 * now - now) / (_PERIOD * _PERIOD)
     k, b = robot["stiffness"][joint], robot["damping"][joint] / robot["stiffness"][joint]
-    middle = (rate - b * curvature) / k + 0.5 * _PERIOD * (curvature / k)
-    return float(np.sign(middle))
+    return float(np.sign((rate - b * curvature) / k + 0.5 * _PERIOD * (curvature / k)))
 
 
 class _Law:
@@ -351,8 +336,7 @@ class _Law:
 
     def _target(self, k: int) -> tuple[list[Any], list[Any]]:
         """Return r = (θ_d, θ̇_d, θ̈_d) (6,) and u_ff (2,) at the k-th sample, in balls."""
-        q, v, a = _reference(_PERIOD * k, self.duration, self.nominal.length)
-        n = self.nominal
+        n, (q, v, a) = self.nominal, _reference(_PERIOD * k, self.duration, self.nominal.length)
         torque = [_about(x, _ULPS * (1.0 + _upper(x))) for x in link_torque(n.c, q, v, a)]
         self._past = [torque, *(self._past or [torque] * 3)][:4]
         T, target, smooth, slips = arb(_PERIOD), [], [], []
@@ -376,8 +360,8 @@ class _Law:
 
     def _blended(self, z: list[Any], j: int) -> tuple[list[Any], list[Any], list[Any]]:
         """Return the gains (6,) of joint j at premises z, and their derivatives by both of them."""
-        (first, third), widths = z, [high - low for low, high in self._bounds]
-        w1, w3 = ((x - low) / width for x, (low, _), width in zip((first, third), self._bounds, widths, strict=True))
+        widths = [high - low for low, high in self._bounds]
+        w1, w3 = ((x - low) / width for x, (low, _), width in zip(z, self._bounds, widths, strict=True))
         if not (0 < w1 < 1 and 0 < w3 < 1):
             raise _Refused("a premise leaves its bounds")
         corners = list(zip(*(self._gains[i][k][j] for i in _BOTH for k in _BOTH), strict=True))
@@ -385,13 +369,13 @@ class _Law:
         by_1 = [((1 - w3) * (b - a) + w3 * (d - c)) / widths[0] for a, b, c, d in corners]
         return gains, by_1, [((1 - w1) * (c - a) + w1 * (d - b)) / widths[1] for a, b, c, d in corners]
 
-    def _premises(self, one: Any, two: Any) -> list[Any]:
-        return [two.cos(), -self.nominal.c[4] * (one + two).sinc()]
+    def _premises(self, x: list[Any]) -> list[Any]:
+        return [x[1].cos(), -self.nominal.c[4] * (x[0] + x[1]).sinc()]
 
     def _slopes(self, x: list[Any], r: list[Any]) -> list[list[Any]]:
         """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at x = (θ, θ̇, x_I)."""
-        z, both, c2 = self._premises(*x[:2]), x[0] + x[1], self.nominal.c[1]
-        turn, error = -self.nominal.c[4] * (both.cos() - both.sinc()) / both, self._error(x, r)
+        z, both, c2 = self._premises(x), x[0] + x[1], self.nominal.c[1]
+        turn, error = -self.nominal.c[4] * (both.cos() - both.sinc()) / both, _less(x, r)
         ahead, slopes = [(c2 * (2 * r[4] + r[5]), -r[1]), (c2 * r[4], -r[0] - r[1])], []
         for j in _BOTH:
             gains, by_1, by_3 = self._blended(z, j)
@@ -400,24 +384,19 @@ class _Law:
             slopes.append([gains[0] + third, gains[1] + first + third, *gains[2:]])
         return slopes
 
-    @staticmethod
-    def _error(x: list[Any], r: list[Any]) -> list[Any]:
-        return [*(a - b for a, b in zip(x[:4], r[:4], strict=True)), *x[4:]]
-
     def respond(self, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, np.ndarray, list[Any]]:
         """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
-        r, u_ff = self._target(k)
-        x = [arb(number) for number in point]
+        (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
         slopes, c2 = self._slopes(wide, r), self.nominal.c[1]
         centre = np.array([[float(a.mid()) for a in row] for row in self._slopes(x, r)])
-        z = self._premises(*x[:2])
-        first, third = (a - b for a, b in zip(z, self._premises(*r[:2]), strict=True))
+        z, aim = self._premises(x), self._premises(r)
+        first, third = z[0] - aim[0], z[1] - aim[1]
         own = [c2 * first * (2 * r[4] + r[5]) - third * r[1], c2 * first * r[4] - third * (r[0] + r[1])]
         u, rest = [], np.zeros(2)
         for j in _BOTH:
-            gains, error = self._blended(z, j)[0], self._error(wide, r)
-            u.append(_dot(gains, self._error(x, r)) + own[j] + u_ff[j])
+            gains, error = self._blended(z, j)[0], _less(wide, r)
+            u.append(_dot(gains, _less(x, r)) + own[j] + u_ff[j])
             left = np.array([_upper(a - c) for a, c in zip(slopes[j], centre[j].tolist(), strict=True)]) @ box
             # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
             sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in error])) + 200.0 * sum(map(_upper, r)) + 1.0
@@ -425,19 +404,19 @@ class _Law:
         return u, centre, rest * _UP, r[:2]
 
 
+def _less(x: list[Any], r: list[Any]) -> list[Any]:
+    return [*(a - b for a, b in zip(x[:4], r[:4], strict=True)), *x[4:]]
+
+
 def _dot(a: list[Any], b: list[Any]) -> Any:
     return sum((x * y for x, y in zip(a, b, strict=True)), arb(0))
-
-
-# Courses along the centre ----------------------------------------------------------------------------------------
 
 
 class _Course:
     """f(s) = Σ c_j T_j(s) ± `left` on a segment."""
 
     def __init__(self, c: list[Any], left: float) -> None:
-        self.c, self.left = c, left
-        self.sizes = [_upper(x) for x in c]
+        self.c, self.left, self.sizes = c, left, [_upper(x) for x in c]
 
     def line(self) -> tuple[float, float, float]:
         """Return level and slope of the line c_0 + c_1 s in floats, and a bound of what is beside it."""
@@ -446,7 +425,6 @@ class _Course:
         return level, slope, beside * _UP
 
     def size(self) -> float:
-        """Return a bound of |f|."""
         return (sum(self.sizes) + self.left) * _UP
 
     def range(self) -> tuple[float, float]:
@@ -458,7 +436,6 @@ class _Course:
         return min(low for low, _ in ends) - beside, max(high for _, high in ends) + beside
 
     def ball(self, radius: float) -> Any:
-        """Return a ball around the range, larger by a radius."""
         low, high = self.range()
         return arb(low - radius).union(arb(high + radius))
 
@@ -477,19 +454,13 @@ class _Motion:
         turns = [arb.pi() * (2 * i + 1) / (2 * _NODES) for i in range(_NODES)]
         self._turned = arb_mat([[(j * x).cos() * 2 / _NODES / (1 if j else 2) for x in turns] for j in range(_NODES)])
         discs = [acb(arb(0, (r + 1 / r) / 2), arb(0, (r + 1 / r) / 2)) for r in _RADII]
-        self._nodes, self._discs = (
-            [(*self._at(s), begin + (s + 1) * arb(h) / 2) for s in part] for part in ([x.cos() for x in turns], discs)
-        )
+        every = [(*self.at(s), begin + (s + 1) * arb(h) / 2) for s in [*(x.cos() for x in turns), *discs]]
+        self._nodes, self._discs = every[:_NODES], every[_NODES:]
 
-    def _at(self, s: Any) -> list[list[Any]]:
+    def at(self, s: Any) -> list[list[Any]]:
         """Return angles, velocities and accelerations (4,) of θ and q at s."""
         powers = [s**i for i in range(8)]
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
-
-    def ends(self, s: int) -> list[Any]:
-        """Return θ, q, θ̇, q̇ (8,) at s = -1 or 1."""
-        x, v, _ = self._at(arb(s))
-        return [*x, *v]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
         """Return f(x, v, a, t) as courses; those of a linear function of x, v, a are polynomials, and exact."""
@@ -503,9 +474,6 @@ class _Motion:
             left = np.nan_to_num(sizes * np.array(shares)[:, np.newaxis], nan=math.inf).min(axis=0)
             found.append([_Course(next(places), one) for one in left.tolist()])
         return exact, found
-
-
-# Tube ------------------------------------------------------------------------------------------------------------
 
 
 def _floats(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -539,23 +507,10 @@ def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) 
     return np.asarray((np.abs(image).sum(axis=1) + spare * _UP) * _UP)
 
 
-def _growth(size: np.ndarray, h: float) -> np.ndarray:
-    """Return a bound of exp(|A| t), t <= h: with X = |A| h, its series to X^N/N!, and R <= X^N/N! (S + R)."""
-    total, term = np.eye(len(size)), np.eye(len(size))
-    for i in range(1, 60):
-        term = term @ size * (h / i)
-        total += term
-    if not term.sum(axis=1).max() < 1e-9:
-        raise _Refused("the linear equation is too fast for its segment")
-    return np.asarray((total + 2.0 * (term @ total).max()) * _UP)
-
-
 class _Friction:
     """The friction of one motor on a segment: what its plan makes of it."""
 
-    def __init__(
-        self, plant: _Plant, joint: int, plan: str, mode: int, known: tuple[float, float], motion: Any
-    ) -> None:
+    def __init__(self, plant: _Plant, joint: int, plan: str, mode: int, known: Any, motion: Any) -> None:
         self.joint, self.plan, self.known, self._plant = joint, plan, known, plant
         self.net, self.needed, self.v, self.a, self.slips = motion  # N, P, v, θ̈ and F(v) of the centre
         self.side, self._rests = (mode if mode in (-1, 1) else 0), all(x.is_zero() for x in self.v.c)
@@ -605,7 +560,7 @@ class _Friction:
         need, found = self.needed.range(), [0.0]
         for side, slowest, fastest in ((1, max(0.0, low), high), (-1, max(0.0, -high), -low)):
             if fastest > 0.0:
-                under, over = plant.strength(j, slowest, fastest)
+                under, over = plant.weakest(j, fastest), _ends(plant.friction(j, arb(slowest)))[1]
                 if side == self.side:
                     found.append(self.missed + plant.steepest(j) * tube_v + self.uncertain * over)
                 else:
@@ -623,7 +578,7 @@ class _Friction:
         """Return the least v̇ where v < 0, and the largest where v > 0."""
         net, weak = self.net.range(), self.share[0]
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
-        back, forth = (weak * self._plant.strength(self.joint, 0.0, max(x, 0.0))[0] for x in (-low, high))
+        back, forth = (weak * self._plant.weakest(self.joint, x) for x in (-low, high))
         spare = 1e-10 * (abs(net[0]) + abs(net[1]) + spread + back + forth)
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
@@ -655,11 +610,12 @@ class _Tube:
             raise _Refused(f"{len(claim.steps)} control steps and {len(claim.tip)} samples in {claim.duration} s")
         q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
         hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
-        start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q, *[arb(0)] * 4]
-        self._centre, self._memory, self._known = [float(x.mid()) for x in start], [0.0, 0.0], [(0.0, 0.0)] * 2
+        start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
+        self._centre = [*(float(x.mid()) for x in start), *[0.0] * 4]
+        self._memory, self._known = [0.0, 0.0], [(0.0, 0.0)] * 2
         # rows: ξ with δu, then x_I; columns: the constants, then what has disturbed the motion so far
         self._G = np.zeros((12, len(plant.column)))
-        self._move(start)
+        self._move([start, [arb(0)] * 4])
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[tuple[float, float]]:
@@ -678,20 +634,18 @@ class _Tube:
 
     def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
         """Add a box around the first rows, and columns."""
-        wide = np.zeros((12, len(box)))
-        wide[: len(box)] = np.diag(box)
+        wide = np.eye(12)[:, : len(box)] * box
         self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
 
-    def _move(self, of: list[Any]) -> None:
-        """Measure deviations from the centre's floats instead of `of`, which differs by rounding."""
-        self._widen(np.array([_upper(x - c) for x, c in zip(of, self._centre, strict=True)]))
+    def _move(self, of: list[list[Any]]) -> None:
+        """Measure deviations from the centre's floats instead of angles and velocities that differ by rounding."""
+        self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
 
     def _prune(self) -> None:
         """Replace the smallest columns, at most a share of 1e-4 of any row, by the box around them."""
         m = len(self._plant.column)
         sizes = np.abs(self._G[:, m:])
-        totals = sizes.sum(axis=1, keepdims=True)
-        share = (sizes / np.where(totals > 0.0, totals, 1.0)).max(axis=0)
+        share = (sizes / np.maximum(sizes.sum(axis=1, keepdims=True), 1e-300)).max(axis=0)
         order = np.argsort(share)
         small = m + order[np.cumsum(share[order]) < 1e-4]
         box = np.abs(self._G[:, small]).sum(axis=1) * _UP
@@ -700,9 +654,8 @@ class _Tube:
 
     def _sample(self, k: int) -> np.ndarray:
         """Add the law's torque and its memory at t_k to the zonotope; return the torque at the centre."""
-        seen = [0, 1, 4, 5, 10, 11]
-        G = self._G[seen]
-        box, point = np.abs(G).sum(axis=1) * _UP, [self._centre[i] for i in seen[:4]] + self._memory
+        G, c = self._G[[0, 1, 4, 5, 10, 11]], self._centre
+        box, point = np.abs(G).sum(axis=1) * _UP, [*c[:2], *c[4:6], *self._memory]
         answer, slopes, rest, aim = self._law.respond(k, point, box)
         torque = np.array([float(u.mid()) for u in answer])
         rest += _SMALL * np.abs(slopes) @ box
@@ -720,10 +673,11 @@ class _Tube:
     def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
         """Take the zonotope over a segment; return a bound of the tip error during it [m]."""
         p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
-        if radii.shape != (18,) or not (np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
-            raise _Refused("a segment has 18 radii and a duration of at most a period")
-        motion, plans, modes = _Motion(part["angles"], h, begin), part["plans"], part["modes"]
-        self._move(motion.ends(-1))
+        whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
+        if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
+            raise _Refused("a segment has 18 radii, two plans and modes, and a duration of at most a period")
+        motion = _Motion(part["angles"], h, begin)
+        self._move(motion.at(arb(-1)))
 
         def pull(x: Any, v: Any) -> list[Any]:
             return [p.stiffness[j] * (x[j] - x[2 + j]) + p.damping[j] * (v[j] - v[2 + j]) for j in _BOTH]
@@ -746,18 +700,16 @@ class _Tube:
         exact, (defect, errors, slip, *mass) = motion.courses(linear, [defects, off, *slips, *weights])
         names = ("bend", "rate", "net", "v", "a", "needed", "q", "dq", "ddq")
         along = {name: exact[2 * i : 2 * i + 2] for i, name in enumerate(names)} | {"slips": slip, "defect": defect}
-        if len(plans) != 2 or len(modes) != 2:
-            raise _Refused("a segment has two plans and two modes")
         own = [[along[name][j] for name in ("net", "needed", "v", "a", "slips")] for j in _BOTH]
-        frictions = [_Friction(p, j, plans[j], modes[j], self._known[j], own[j]) for j in _BOTH]
+        frictions = [_Friction(p, j, part["plans"][j], part["modes"][j], self._known[j], own[j]) for j in _BOTH]
         middle = [[row[0] for row in of[2:]] for of in motion.polynomials]
         slopes = [np.vectorize(lambda x: float(x.mid()))(link_slopes(c, *middle)) for c in (p.c, *p.masses.values())]
         drives = self._drives(along, mass, frictions)
-        free, push, after = self._free(*self._linear(slopes, frictions), *drives[:2], h)
+        linear_part = self._free(*self._linear(slopes, frictions), *drives[:2], h)
         for room, floor in _ROOMS:
             tube = room * radii + floor * _FLOOR
             try:
-                w, reached, spread = self._torques(tube, along, frictions, slopes, *drives[2:], free, push, h)
+                w, reached, spread = self._torques(tube, along, frictions, slopes, drives, linear_part, h)
             except _Refused:
                 if room == _ROOMS[-1][0]:
                     raise
@@ -767,14 +719,14 @@ class _Tube:
         else:
             row = int(np.argmax(reached / tube))
             raise _Refused(f"row {row + 1} reaches {reached[row]:.4g} and leaves the tube, {radii[row]:.4g}")
-        after(w)
+        linear_part[2](w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":
                 self._G[4 + j] = 0.0
                 self._widen(np.zeros(0), w[j] * np.eye(12)[:, 4 + j : 5 + j])
         self._centre, before = [float(x) for x in part["end"]], self._last
-        ends = motion.ends(1)
-        self._known = [f.after(tube[_V][j], spread[j], h, float(ends[4 + j].mid())) for j, f in enumerate(frictions)]
+        ends = motion.at(arb(1))
+        self._known = [f.after(tube[_V][j], spread[j], h, float(ends[1][j].mid())) for j, f in enumerate(frictions)]
         self._move(ends)
         self._last = self._tip(begin + h)
         return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
@@ -818,7 +770,7 @@ class _Tube:
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> tuple[np.ndarray, ...]:
-        """Return level and slope (6, m) of the constants' torques by channel, the rest (6,), and sizes on motors (2,)."""
+        """Return level and slope (6, m) of the constants' torques by channel, rest (6,), and sizes on motors (2,)."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
         signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
@@ -841,12 +793,10 @@ class _Tube:
                 rest[channel] += abs(factor) * (beside + _SMALL * (abs(at) + abs(by))) * _UP
         return level, slope, rest, sizes
 
-    def _torques(
-        self, tube: np.ndarray, along: Any, frictions: list[_Friction], slopes: list[Any], rest: np.ndarray,
-        sizes: np.ndarray, free: np.ndarray, push: np.ndarray, h: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
         """Return w̄ (6,) on a tube, what S ξ then reaches (18,), and a bound of |N - N_y| with the constants (2,)."""
-        p, w, half, begin = self._plant, rest.copy(), self._plant.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
+        (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
+        w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
         own = half["motor_inertia"] * tube[_MOTOR] + half["viscous_friction"] * tube[_V]
         spread = (tube[_NET] + sizes + within + own) * _UP
@@ -857,9 +807,7 @@ class _Tube:
             else:
                 w[j] += friction.bound(tube[_V][j], spread[j], h) + own[j]
         radii = np.array([tube[_Q], tube[_DQ], tube[_LINK]])
-        wide = [
-            [along[of][i].ball(r[i]) for i in _BOTH] for of, r in zip(("q", "dq", "ddq"), radii.tolist(), strict=True)
-        ]
+        wide = [[along[of][i].ball(float(radii[n, i])) for i in _BOTH] for n, of in enumerate(("q", "dq", "ddq"))]
         w[_LINKS] += [x.size() for x in along["defect"]]
         for c, at in zip((p.c, *p.masses.values()), slopes, strict=True):
             w[_LINKS] += np.einsum("kij,kj->i", _distance(link_slopes(c, *wide), at), radii) * _UP
@@ -876,16 +824,14 @@ class _Tube:
                 reached[14 + j] = pull / friction.inertia * _UP
         return w, reached, spread
 
-    def _free(
-        self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], None]]:
+    def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
         """Return bounds of S ξ without w, of what w = 1 adds, and the function that takes the zonotope on, for w̄.
 
         Between both ends S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). Over each
         half of the segment two moments of w are columns, about the middle; the third is a box.
         """
         m, G, size_A, size_b, SA = level.shape[1], self._G[:10], _above(A), _above(b), S * A
-        E, quarter = _growth(size_A, h), (A * (arb(h) / 4)).exp()
+        E, quarter = _above(arb_mat((size_A * (h * _UP)).tolist()).exp()), (A * (arb(h) / 4)).exp()
         half = quarter * quarter
         phi, rows, feed, Sb, SAb = map(_floats, (half * half, S, D, S * b, SA * b))
         moved = _product(phi[0], G)
@@ -898,15 +844,14 @@ class _Tube:
                 power = A * power * (arb(h) / (i + 1))
             (held, held_left), (ramp, ramp_left) = _floats(total), _floats(total - later)
             moved[:, :m] += held[:, :m] + ramp[:, m:]
-            box += (held_left + ramp_left + _SMALL * (np.abs(held) + np.abs(ramp)) + 3.0 * h * E @ _above(power)).sum(
-                axis=1
-            )
+            missed = held_left + ramp_left + _SMALL * (np.abs(held) + np.abs(ramp)) + 3.0 * h * E @ _above(power)
+            box += missed.sum(axis=1)
         spare = np.abs(level).sum(axis=1) + np.abs(slope).sum(axis=1)
-        missed = [left + _SMALL * np.abs(middle) for middle, left in (feed, SAb, Sb)]
-        first = _reach(rows, G, feed[0] @ (level - slope)) + missed[0] @ spare
-        last = _reach(rows, moved, feed[0] @ (level + slope)) + missed[0] @ spare + _above(S) @ box
+        wide = [left + _SMALL * np.abs(middle) for middle, left in (feed, SAb, Sb)]
+        first = _reach(rows, G, feed[0] @ (level - slope)) + wide[0] @ spare
+        last = _reach(rows, moved, feed[0] @ (level + slope)) + wide[0] @ spare + _above(S) @ box
         bend = _reach(_floats(SA * A), G, SAb[0] @ (level - slope) + Sb[0] @ slope * (2.0 / h))
-        bend += (missed[1] + 2.0 / h * missed[2]) @ spare
+        bend += (wide[1] + 2.0 / h * wide[2]) @ spare
         grown = h * _above(SA) @ (E[:, :8] @ bend[:8])  # the first rows of S are ξ; δu does not move
         free = (np.maximum(first, last) + h * h / 8.0 * (bend + grown)) * _UP
         push = _above(D) + h * _above(S * b) + h * h / 2.0 * _above(SA * b) + h**3 / 6.0 * _above(SA * A) @ (E @ size_b)
@@ -934,7 +879,7 @@ class _Tube:
         units, links = np.stack([np.cos(turns), np.sin(turns)], axis=1), self._G[2:4]
         (jacobian, left), radius = _floats(arb_mat(J)), np.abs(links).sum(axis=1) * _UP
         reach = np.abs(_product(units @ jacobian, links)).sum(axis=1) * _UP
-        corner = (1.0 + 1e-10) / math.cos(0.5 * math.pi / _TURNS)
+        corner = _UP / math.cos(0.5 * math.pi / _TURNS)
         wide = min(offset + reach.max() * corner, (np.abs(units @ middle) + reach).max() * corner + _SMALL * offset)
         missed = ((left + 4.0 * _SMALL * np.abs(jacobian)) @ radius).sum() + _SMALL * _SMALL
         return float((wide + missed + self._bent(*radius)) * _UP)
@@ -945,10 +890,9 @@ class _Tube:
         return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
 
     def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
-        """Return how far the tip error can be above that at both ends of a segment.
+        """Return how far the tip error can be above that at both ends: each part is within h²/8 sup |f̈| of a line.
 
-        A function is within h²/8 sup |f̈| of a line, and links of length L at angles φ have
-        |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
+        Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
         """
         total = 2.0 * math.hypot(*(course.line()[2] for course in errors)) + 2.0 * self._bent(*tube[_Q])
         moves = [[x.size() for x in along[name]] for name in ("dq", "ddq")] + [tube[rows] for rows in (_Q, _DQ, _LINK)]
