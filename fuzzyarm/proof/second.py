@@ -46,14 +46,19 @@ _FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)
 _ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
 # Rows of S, in the order of the file; the first eight are ξ without δu.
 _Q, _V, _DQ, _BEND, _RATE, _NET, _MOTOR, _LINK = (slice(i, i + 2) for i in range(2, 18, 2))
-_SEEN = [2, 3, 6, 7, 16, 17]  # rows of δq, δq̇ and δq̈
-_JOINTS, _LINKS = slice(2, 4), slice(4, 6)  # channels of w, behind those of the motors
+_SEEN, _JOINTS, _LINKS = [2, 3, 6, 7, 16, 17], slice(2, 4), slice(4, 6)  # rows of δq, δq̇ and δq̈; channels of w
 _RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 _FIXED: dict[str, Any] = {
     "payload": [0.0, 0.0], "force": [1.0, 1.0], "force_swing": 0.0, "force_course": 0.0, "noise": [0.0, 0.0], "late": 0,
 }  # fmt: skip
 _DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
-_KNOWN = {"case": "nominal", "path": "circle", "laps": "one", "later": [], **dict.fromkeys(("arm", "points", "start"))}
+_KNOWN: dict[str, Any] = {
+    "case": "nominal",
+    "path": "circle",
+    "laps": "one",
+    "later": [],
+    **dict.fromkeys(("arm", "points", "start")),
+}
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -451,9 +456,9 @@ class _Motion:
         for _ in _BOTH:
             rows = [[*[2 * i * x / arb(h) for i, x in enumerate(row)][1:], arb(0)] for row in rows]
             self.polynomials.append(rows)
-        turns = [arb.pi() * (2 * i + 1) / (2 * _NODES) for i in range(_NODES)]
+        turns: list[Any] = [arb.pi() * (2 * i + 1) / (2 * _NODES) for i in range(_NODES)]
         self._turned = arb_mat([[(j * x).cos() * 2 / _NODES / (1 if j else 2) for x in turns] for j in range(_NODES)])
-        discs = [acb(arb(0, (r + 1 / r) / 2), arb(0, (r + 1 / r) / 2)) for r in _RADII]
+        discs: list[Any] = [acb(arb(0, (r + 1 / r) / 2), arb(0, (r + 1 / r) / 2)) for r in _RADII]
         every = [(*self.at(s), begin + (s + 1) * arb(h) / 2) for s in [*(x.cos() for x in turns), *discs]]
         self._nodes, self._discs = every[:_NODES], every[_NODES:]
 
@@ -523,10 +528,9 @@ class _Friction:
             raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit")
         parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
         self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound of |P - σ F(v)|
-        at = arb(abs(0.5 * sum(self._range)))
-        self.slope = -float(plant.slope(joint, at).mid()) if plan == "slip" else 0.0
+        self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
 
-    def parted(self, start: float, h: float, driving: float) -> float:
+    def parted(self, start: float, h: float, driving: float) -> Any:
         """Return a bound of |δv| by Lemma 2, for |δN| and the constants within `driving` [N m]."""
         eta, aside = self.needed.size() + self.share[1] * self.static[1], 0.0
         if self.side:  # a centre that is on the other side by `aside` is compared after that shift
@@ -538,7 +542,7 @@ class _Friction:
         grown = start + aside + h * (driving + eta + steep * aside) / self.inertia
         return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
-    def bound(self, tube_v: float, spread: float, h: float) -> float:
+    def bound(self, tube_v: float, spread: float, h: float) -> Any:
         """Return a bound of |Γ_f + P| beside the linear slope; |N - N_y| <= `spread` [N m], constants included."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
@@ -769,7 +773,7 @@ class _Tube:
             rows += (arb_mat(np.hstack(one).tolist()) * seen).table()
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
-    def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> tuple[np.ndarray, ...]:
+    def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
         """Return level and slope (6, m) of the constants' torques by channel, rest (6,), and sizes on motors (2,)."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
@@ -881,7 +885,7 @@ class _Tube:
         reach = np.abs(_product(units @ jacobian, links)).sum(axis=1) * _UP
         corner = _UP / math.cos(0.5 * math.pi / _TURNS)
         wide = min(offset + reach.max() * corner, (np.abs(units @ middle) + reach).max() * corner + _SMALL * offset)
-        missed = ((left + 4.0 * _SMALL * np.abs(jacobian)) @ radius).sum() + _SMALL * _SMALL
+        missed = ((left + 4.0 * _SMALL * np.abs(jacobian)) @ radius).sum() + 1e-15
         return float((wide + missed + self._bent(*radius)) * _UP)
 
     def _bent(self, one: float, two: float) -> float:
