@@ -52,13 +52,8 @@ _FIXED: dict[str, Any] = {
     "payload": [0.0, 0.0], "force": [1.0, 1.0], "force_swing": 0.0, "force_course": 0.0, "noise": [0.0, 0.0], "late": 0,
 }  # fmt: skip
 _DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
-_KNOWN: dict[str, Any] = {
-    "case": "nominal",
-    "path": "circle",
-    "laps": "one",
-    "later": [],
-    **dict.fromkeys(("arm", "points", "start")),
-}
+_NONE = ("arm", "points", "start")  # fields of a claim that have to be null
+_KNOWN: Any = {"case": "nominal", "path": "circle", "laps": "one", "later": [], **dict.fromkeys(_NONE)}
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -113,19 +108,17 @@ def check(path: Path) -> SecondCheck:
 
     if unknown := claim.unknown():
         return answer("NOT CHECKED", f"it does not know {unknown}")
-    bits, done, most = ctx.prec, 0, 0.0
+    done, most = 0, 0.0
     try:
-        ctx.prec = _BITS
-        for done, found in enumerate(_Tube(claim), 1):
-            stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
-            for one, other in zip(found, stated, strict=False):
-                if not one <= _LOOSER * min(other, claim.bound):
-                    raise _Refused(f"the tip may err by {1e3 * one:.4g} mm, and the file says {1e3 * other:.4g}")
-            most = max(most, *found[: len(stated)])
+        with ctx.workprec(_BITS):
+            for done, found in enumerate(_Tube(claim), 1):
+                stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
+                for one, other in zip(found, stated, strict=False):
+                    if not one <= _LOOSER * min(other, claim.bound):
+                        raise _Refused(f"the tip may err by {1e3 * one:.4g} mm, and the file says {1e3 * other:.4g}")
+                most = max(most, *found[: len(stated)])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         return answer("NOT PROVEN", f"control step {done + 1}: {error}")
-    finally:
-        ctx.prec = bits
     return answer("PROVEN", "", most)
 
 
@@ -709,7 +702,7 @@ class _Tube:
         middle = [[row[0] for row in of[2:]] for of in motion.polynomials]
         slopes = [np.vectorize(lambda x: float(x.mid()))(link_slopes(c, *middle)) for c in (p.c, *p.masses.values())]
         drives = self._drives(along, mass, frictions)
-        linear_part = self._free(*self._linear(slopes, frictions), *drives[:2], h)
+        linear_part = self._free(*self._linear(slopes, frictions), drives[0], drives[1], h)
         for room, floor in _ROOMS:
             tube = room * radii + floor * _FLOOR
             try:
