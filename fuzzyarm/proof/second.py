@@ -100,13 +100,14 @@ def check(path: Path) -> SecondCheck:
     begin = time.perf_counter()
     try:
         claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
-    except (LookupError, TypeError, AttributeError, RecursionError) as error:
+        unknown = claim.unknown()
+    except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: not the file of a bound: {error!r}") from None
 
     def answer(verdict: str, reason: str, bound: float = math.nan) -> SecondCheck:
         return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin)
 
-    if unknown := claim.unknown():
+    if unknown:
         return answer("NOT CHECKED", f"it does not know {unknown}")
     done, most = 0, 0.0
     try:
