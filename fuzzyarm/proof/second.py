@@ -1,0 +1,900 @@
+"""A second checker of proven tip bounds, which imports nothing of this package.
+
+It reads the file of a bound and the controller file of its law as JSON and derives the bound again with equations of
+its own, written from the pages of the documentation. Of the file's tube it uses the centre y(t), the radii ρ and the
+plan of each friction. On a segment of length h, with a plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants
+p = p_0 + Δp π, |π| <= 1, all of this must hold:
+
+1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), A linearised at the middle of the segment, a(t) the torques of the
+   constants along the centre, and |w| <= w̄ what A omits wherever |S ξ| <= ρ: defects of the centre, derivatives of the
+   links' torques on the tube minus those in A times ρ, products Δp ρ, and friction.
+2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the plan of the file: a motor is HELD if it rests and its net torque stays
+   below μ F(0); it may SLIP if its velocity keeps its sign on the tube; MONOTONE is Lemma 2 of the page, MIXED all
+   cases of Lemma 1 that the velocities allow; ANY is any torque up to the static one.
+3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
+4. *Sample.* The law is linearised by its Jacobian on the box of measured states; its rounding is a remainder.
+
+Balls (Arb) hold plant, law, reference and exponentials. A course f(s), s in [-1, 1], is a Chebyshev interpolant in N
+nodes; it errs by 4 M r^(1-N)/(r - 1) where |f| <= M in the ellipse with semi-axes of sum r. The set of deviations is a
+zonotope G g, |g| <= 1, in doubles with their rounding: its first columns are those of the constants.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flint import acb, arb, arb_mat, ctx
+
+__all__ = ["SecondCheck", "check"]
+
+_LOOSER, _GRAIN = 1.01, 5e-8  # factor, and [m] at an instant, by which the own bound may be above the file's
+_LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip")
+_SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
+_CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
+_PERIOD, _BITS, _SMALL, _ULPS, _UP = 1e-3, 96, 2.0**-44, 2.0**-48, 1.0 + 1e-10
+_NODES, _RADII, _TURNS, _BOTH = 12, (8.0, 16.0, 32.0), 96, range(2)
+_FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)  # far below a µm of the tip
+# Factors on the radii of the file and on `_FLOOR`, which is added, as enclosures here are wider in places: in turn.
+_ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
+# Rows of S, in the order of the file; the first eight are ξ without δu.
+_Q, _V, _DQ, _BEND, _RATE, _NET, _MOTOR, _LINK = (slice(i, i + 2) for i in range(2, 18, 2))
+_SEEN, _JOINTS, _LINKS = [2, 3, 6, 7, 16, 17], slice(2, 4), slice(4, 6)  # rows of δq, δq̇ and δq̈; channels of w
+_RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
+_FIXED: dict[str, Any] = {
+    "payload": [0.0, 0.0], "force": [1.0, 1.0], "force_swing": 0.0, "force_course": 0.0, "noise": [0.0, 0.0], "late": 0,
+}  # fmt: skip
+_DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
+_NONE = ("arm", "points", "start")  # fields of a claim that have to be null
+_KNOWN: Any = {"case": "nominal", "path": "circle", "laps": "one", "later": [], **dict.fromkeys(_NONE)}
+_TABLE_1: dict[str, Any] = {
+    "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
+    "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
+    "damping": [20.4, 3.8], "static_friction": [6.0, 3.0], "coulomb_friction": [4.0, 2.0], "stribeck_velocity": 0.1,
+    "torque_limit": [500.0, 250.0],
+}  # fmt: skip
+
+
+class _Refused(ValueError):
+    """The claim does not follow; the message says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SecondCheck:
+    """The outcome of the second checker."""
+
+    path: Path  # the file
+    verdict: str  # "PROVEN", "NOT PROVEN" or "NOT CHECKED", which is for laws and motions that it does not know
+    reason: str  # why it is not proven or not checked; empty if it is proven
+    bound: float  # of the tip error, found here [m]; nan without a proof
+    about: str  # law, set and motion in words, by the numbers of the file
+    seconds: float  # duration of the check
+
+    @property
+    def proven(self) -> bool:
+        """Whether the claim was derived again."""
+        return self.verdict == "PROVEN"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        found = {"file": str(self.path), "checker": "second", "verdict": self.verdict, "proven": self.proven}
+        bound = self.bound if self.proven else None
+        return found | {"bound": bound, "reason": self.reason, "about": self.about, "seconds": self.seconds}
+
+    def to_text(self) -> str:
+        """Return the result as text."""
+        said = f"tip within {1.0005e3 * self.bound:.4g} mm" if self.proven else ascii(self.reason)[1:-1]
+        verdict = f"{ascii(str(self.path))[1:-1]}: {self.verdict} by the second checker ({self.seconds:.1f} s)"
+        return f"{verdict}\n  {self.about}: {said}"
+
+
+def check(path: Path) -> SecondCheck:
+    """Derive the bound of a file again; OSError or ValueError if it cannot be read."""
+    begin = time.perf_counter()
+    try:
+        claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
+        unknown = claim.unknown()
+    except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"{path}: not the file of a bound: {error!r}") from None
+
+    def answer(verdict: str, reason: str, bound: float = math.nan) -> SecondCheck:
+        return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin)
+
+    if unknown:
+        return answer("NOT CHECKED", f"it does not know {unknown}")
+    done, most = 0, 0.0
+    try:
+        with ctx.workprec(_BITS):
+            for done, found in enumerate(_Tube(claim), 1):
+                stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
+                for one, other in zip(found, stated, strict=False):
+                    if not one <= _LOOSER * min(other + _GRAIN, claim.bound):
+                        raise _Refused(f"the tip may err by {1e3 * one:.4g} mm, and the file says {1e3 * other:.4g}")
+                most = max(most, *found[: len(stated)])
+    except (ValueError, ArithmeticError, LookupError, TypeError) as error:
+        return answer("NOT PROVEN", f"control step {done + 1}: {error}")
+    return answer("PROVEN", "", most)
+
+
+class _Claim:
+    """The content of a file."""
+
+    def __init__(self, document: dict[str, Any]) -> None:
+        self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document.get("files")
+        self.known = {name: document.get(name, value) for name, value in _KNOWN.items()}
+        self.duration, self.bound = float(document["duration"]), float(document["bound"])
+        self.plants: dict[str, Any] = _DEFAULTS | document["plants"]
+        self.tip, self.whole, self.steps = (document.get(name, []) for name in ("tip", "whole", "steps"))
+        if self.schema == _SCHEMAS[1] and len(self.whole) != len(self.tip):
+            raise LookupError("whole")
+
+    def unknown(self) -> str:
+        """Return what of the claim this checker does not know; empty if it knows all of it."""
+        odd = [] if self.policy in _LAWS else [f"the law {self.policy!r}, only {' and '.join(_LAWS)}"]
+        odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
+        odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value != _KNOWN[name]]
+        odd += [f"sets with {name}" for name in self.plants if name not in _DEFAULTS]
+        odd += [f"sets with {name}" for name, value in _FIXED.items() if self.plants[name] != value]
+        whole = abs(self.duration / _PERIOD - round(self.duration / _PERIOD)) < 1e-9
+        return ", ".join([*odd, *([] if whole else ["a duration of broken periods"])])
+
+    def words(self) -> str:
+        """Return law, set and motion in words; the label of the file is not used."""
+        said = [f"{name} {value}" for name, value in self.plants.items() if value != _DEFAULTS.get(name)]
+        plants = f"with {', '.join(said)}" if said else "table-1"
+        motion = f"{len(self.tip)} samples of the {self.known['path']} in {self.duration:g} s"
+        return ascii(f"{self.policy}, set {plants}, {motion}")[1:-1]
+
+
+def _upper(x: Any) -> float:
+    """Return a float that is not below |x| of a ball."""
+    found = float(x.abs_upper()) * (1.0 + 2.0**-50) + 1e-300
+    if not math.isfinite(found):
+        raise _Refused("an enclosure is not finite")
+    return found
+
+
+def _ends(x: Any) -> tuple[float, float]:
+    """Return floats that enclose a ball from both sides."""
+    middle, radius = float(x.mid()), _upper(x - x.mid())
+    spare = 2.0**-50 * (abs(middle) + radius)
+    return middle - radius - spare, middle + radius + spare
+
+
+def _about(x: Any, radius: float) -> Any:
+    return x + arb(0, radius)
+
+
+def _read(value: Any) -> Any:
+    return float.fromhex(value) if isinstance(value, str) else [_read(part) for part in value]
+
+
+def _lumped(robot: dict[str, Any], link: int) -> list[Any]:
+    """Return what a link adds to c_1, ..., c_5."""
+    m, r, inertia = (arb(robot[name][link]) for name in ("mass", "mass_center", "inertia"))
+    L, g, own = arb(robot["length"][0]), arb(robot["gravity"]), m * r * r + inertia
+    return [own + m * L * L, m * L * r, own, m * g * L, m * g * r] if link else [own, arb(0), arb(0), m * g * r, arb(0)]
+
+
+def link_torque(c: list[Any], q: Any, v: Any, a: Any) -> list[Any]:
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] of the constants c_1, ..., c_5."""
+    cos2, sin2, sin12 = q[1].cos(), q[1].sin(), (q[0] + q[1]).sin()
+    first = (c[0] + 2 * c[1] * cos2) * a[0] + (c[2] + c[1] * cos2) * a[1] - c[1] * sin2 * v[1] * (2 * v[0] + v[1])
+    second = (c[2] + c[1] * cos2) * a[0] + c[2] * a[1] + c[1] * sin2 * v[0] * v[0]
+    return [first + c[3] * q[0].sin() + c[4] * sin12, second + c[4] * sin12]
+
+
+def link_slopes(c: list[Any], q: Any, v: Any, a: Any) -> list[list[list[Any]]]:
+    """Return the derivatives of `link_torque` by q, q̇ and q̈, (2, 2) each."""
+    cos2, sin2, cos12 = q[1].cos(), q[1].sin(), (q[0] + q[1]).cos()
+    pull, k = c[4] * cos12, c[1] * sin2
+    bent = -k * (2 * a[0] + a[1]) - c[1] * cos2 * v[1] * (2 * v[0] + v[1]) + pull
+    angle = [[c[3] * q[0].cos() + pull, bent], [pull, c[1] * cos2 * v[0] * v[0] - k * a[0] + pull]]
+    speed = [[-2 * k * v[1], -2 * k * (v[0] + v[1])], [2 * k * v[0], arb(0)]]
+    return [angle, speed, [[c[0] + 2 * c[1] * cos2, c[2] + c[1] * cos2], [c[2] + c[1] * cos2, c[2]]]]
+
+
+class _Plant:
+    """The arms of a set: constants in the middle, in balls, and the half widths of their ranges."""
+
+    def __init__(self, robot: dict[str, Any], plants: dict[str, Any]) -> None:
+        middle, half = dict[str, list[Any]](), dict[str, list[Any]]()
+        for name in _RANGES:
+            both = plants[name] if isinstance(plants[name][0], list) else [plants[name]] * 2
+            if len(both) != 2 or not all(0.0 <= low <= high < 1e6 for low, high in both):
+                raise _Refused(f"the range {plants[name]} of {name}")
+            middle[name] = [(arb(low) + arb(high)) / 2 for low, high in both]
+            half[name] = [(arb(high) - arb(low)) / 2 for low, high in both]
+        names = ("motor_inertia", "viscous_friction", "stiffness", "damping", "static_friction", "coulomb_friction")
+        scaled = [(field, middle[field if field in _RANGES else "dry_friction"]) for field in names]
+        parts = [[factor[j] * arb(robot[field][j]) for j in _BOTH] for field, factor in scaled]
+        self.inertia, self.viscous, self.stiffness, self.damping, self.static, self.coulomb = parts
+        self.any = ("law", "any").index(plants["friction"]) == 1
+        self.stribeck, self.length = arb(robot["stribeck_velocity"]), [arb(x) for x in robot["length"]]
+        links = [_lumped(robot, j) for j in _BOTH]
+        self.c = [sum((middle["mass"][j] * links[j][i] for j in _BOTH), arb(0)) for i in range(5)]
+        self.masses = {j: [half["mass"][j] * x for x in links[j]] for j in _BOTH if not half["mass"][j].is_zero()}
+        self.share = [  # ends of the dry friction's factor, relative to its middle
+            (1.0, 1.0) if wide.is_zero() else (_ends(1 - wide / at)[0], _ends(1 + wide / at)[1])
+            for wide, at in zip(half["dry_friction"], middle["dry_friction"], strict=True)
+        ]
+        self.half = {}
+        for name in ("motor_inertia", "viscous_friction", "stiffness", "damping"):
+            wide = [half[name][j] * arb(robot[name][j]) for j in _BOTH]
+            self.half[name] = np.array([0.0 if x.is_zero() else _upper(x) for x in wide])
+        kinds = [(name, j) for name in _RANGES for j in _BOTH if not half[name][j].is_zero()]
+        self.column = {kind: i for i, kind in enumerate(kinds)}  # of the zonotope, by constant
+
+    def friction(self, joint: int, v: Any) -> Any:
+        """Return F(v) [N m] of the middle, as an even function of the velocity."""
+        fall = (-(v / self.stribeck) * (v / self.stribeck)).exp()
+        return self.coulomb[joint] + (self.static[joint] - self.coulomb[joint]) * fall
+
+    def slope(self, joint: int, v: Any) -> Any:
+        """Return F'(v) [N m s/rad]."""
+        return -2 * v / self.stribeck**2 * (self.friction(joint, v) - self.coulomb[joint])
+
+    def steepest(self, joint: int) -> float:
+        """Return a bound of |F'|, which is largest at v_s/√2: there F' stops falling and begins to rise."""
+        return _upper(self.slope(joint, self.stribeck / arb(2).sqrt())) * _UP
+
+    def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
+        """Return the ends of F' on speeds in [low, high]."""
+        (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
+        turn = _ends(self.stribeck / arb(2).sqrt())
+        return min(a, c, -self.steepest(joint) if low <= turn[1] and high >= turn[0] else math.inf), max(b, d)
+
+    def weakest(self, joint: int, fastest: float) -> float:
+        """Return the least F up to a speed: it falls."""
+        return _ends(self.friction(joint, arb(max(fastest, 0.0))))[0]
+
+
+def _solved(J: list[list[Any]], x: list[Any]) -> list[Any]:
+    det = J[0][0] * J[1][1] - J[0][1] * J[1][0]
+    return [(J[1][1] * x[0] - J[0][1] * x[1]) / det, (J[0][0] * x[1] - J[1][0] * x[0]) / det]
+
+
+def _tip(q: list[Any], length: list[Any]) -> tuple[list[Any], list[list[Any]]]:
+    """Return the tip (x, y), x downwards, and its Jacobian."""
+    one, both = q[0], q[0] + q[1]
+    second = [-length[1] * both.sin(), length[1] * both.cos()]
+    tip = [length[0] * one.cos() + second[1], length[0] * one.sin() - second[0]]
+    return tip, [[-length[0] * one.sin() + second[0], second[0]], [length[0] * one.cos() + second[1], second[1]]]
+
+
+def _on_circle(t: Any, duration: float) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return p, ṗ, p̈ on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, by the quintic law."""
+    x = t / arb(duration)
+    s, ds = x**3 * (10 - 15 * x + 6 * x * x), 30 * (x * (1 - x)) ** 2 / arb(duration)
+    dds, turn, R = 60 * x * (1 - x) * (1 - 2 * x) / arb(duration) ** 2, -2 * arb.pi(), arb(0.2)
+    psi, rate, bend = arb.pi() / 2 + turn * s, turn * ds, turn * dds
+    cos, sin = psi.cos(), psi.sin()
+    along, out = [-R * sin, R * cos], [R * cos, R * sin]
+    return (
+        [arb(0.35) + out[0], arb(0.65) + out[1]],
+        [rate * a for a in along],
+        [bend * a - rate * rate * o for a, o in zip(along, out, strict=True)],
+    )
+
+
+def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return q_d = p⁻¹, q̇_d = J⁻¹ ṗ, q̈_d = J⁻¹ (p̈ - J̇ q̇) with q2 > 0, in balls that hold the policy's floats."""
+    p, dp, ddp = _on_circle(arb(t), duration)
+    one, two = length
+    q2 = ((p[0] * p[0] + p[1] * p[1] - one * one - two * two) / (2 * one * two)).acos()
+    q = [arb.atan2(p[1], p[0]) - arb.atan2(two * q2.sin(), one + two * q2.cos()), q2]
+    J, both = _tip(q, length)[1], q[0] + q[1]
+    v = _solved(J, dp)
+    inner, outer = one * v[0] ** 2, two * (v[0] + v[1]) ** 2
+    turn = [inner * q[0].cos() + outer * both.cos(), inner * q[0].sin() + outer * both.sin()]
+    a = _solved(J, [x + y for x, y in zip(ddp, turn, strict=True)])
+    size = _ULPS * (1.0 + sum(map(_upper, v)) + sum(_upper(x) ** 2 for x in v) + sum(map(_upper, a)))
+    return [_about(x, _ULPS) for x in q], [_about(x, size) for x in v], [_about(x, size) for x in a]
+
+
+def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
+    """Return the sign of θ̇_d at rest: zero but for rounding of 11 τ - 18 τ + 9 τ - 2 τ, a sum repeated in doubles."""
+    (one, two), g = robot["length"], robot["gravity"]
+    (m1, m2), (r1, r2) = robot["mass"], robot["mass_center"]
+    x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
+    r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
+    q2 = 2.0 * math.atan2(math.sqrt((outer - r) * (outer + r)), math.sqrt((r - inner) * (r + inner)))
+    x0, y0 = one + two * math.cos(q2), two * math.sin(q2)
+    q1 = math.atan2(y * x0 - x * y0, x * x0 + y * y0)
+    second = m2 * g * r2 * math.sin(q1 + q2)
+    now = second if joint else (m1 * g * r1 + m2 * g * one) * math.sin(q1) + second
+    rate = (11.0 * now - 18.0 * now + 9.0 * now - 2.0 * now) / (6.0 * _PERIOD)
+    curvature = (2.0 * now - 5.0 * now + 4.0 * now - now) / (_PERIOD * _PERIOD)
+    k, b = robot["stiffness"][joint], robot["damping"][joint] / robot["stiffness"][joint]
+    return float(np.sign((rate - b * curvature) / k + 0.5 * _PERIOD * (curvature / k)))
+
+
+class _Law:
+    """u = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r + u_ff, e and r of θ_d, z = (cos θ_2, -c_5 sinc(θ_1 + θ_2)).
+
+    L(z) r = -A(z) (θ_d, θ̇_d) + E(z) θ̈_d is affine in z, so that the rules blend it exactly.
+    """
+
+    def __init__(self, document: dict[str, Any], duration: float) -> None:
+        robot = self.robot = {name: _read(value) for name, value in document["robot"].items()}
+        if document["kept"] != ["z1", "z3"] or document["form"] != "consistent" or not document["integral"]:
+            raise _Refused("the controller file is of another form")
+        self.nominal, self.duration = _Plant(robot, _DEFAULTS), duration
+        self._bounds = [[arb(x) for x in _read(document["bounds"])[i]] for i in (0, 2)]
+        gains = _read(document["gains"])  # by vertex of A (z3), of E (z1), and joint
+        self._gains = [[[[arb(x) for x in row] for row in gains[i][k]] for k in _BOTH] for i in _BOTH]
+        self._past: list[list[Any]] = []  # τ_d of the last samples, the latest first
+        self._before: list[Any] = []
+
+    def _target(self, k: int) -> tuple[list[Any], list[Any]]:
+        """Return r = (θ_d, θ̇_d, θ̈_d) (6,) and u_ff (2,) at the k-th sample, in balls."""
+        n, (q, v, a) = self.nominal, _reference(_PERIOD * k, self.duration, self.nominal.length)
+        torque = [_about(x, _ULPS * (1.0 + _upper(x))) for x in link_torque(n.c, q, v, a)]
+        self._past = [torque, *(self._past or [torque] * 3)][:4]
+        T, target, smooth, slips = arb(_PERIOD), [], [], []
+        for j in _BOTH:
+            now, latest, second, third = (past[j] for past in self._past)
+            stiff, b = n.stiffness[j], n.damping[j] / n.stiffness[j]
+            rate = (11 * now - 18 * latest + 9 * second - 2 * third) / (6 * T)
+            bend = (2 * now - 5 * latest + 4 * second - third) / (T * T)
+            velocity, acceleration = v[j] + (rate - b * bend) / stiff, a[j] + bend / stiff
+            target.append((q[j] + (now - b * (rate - b * bend)) / stiff, velocity, acceleration))
+            smooth.append(n.inertia[j] * acceleration + n.viscous[j] * velocity + now)
+            middle = velocity + T * acceleration / 2
+            side = _sign_at_rest(self.robot, j) if not k else 1.0 if middle > 0 else -1.0 if middle < 0 else math.nan
+            if math.isnan(side):
+                raise _Refused("the sign of the friction that the law expects is not decided")
+            slips.append(side * n.friction(j, middle))
+        before, self._before = self._before or smooth, smooth
+        u_ff = [s + (s - old) / 2 + slip for s, old, slip in zip(smooth, before, slips, strict=True)]
+        u_ff = [_about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff]
+        return [target[j][i] for i in range(3) for j in _BOTH], u_ff
+
+    def _blended(self, z: list[Any], j: int) -> tuple[list[Any], list[Any], list[Any]]:
+        """Return the gains (6,) of joint j at premises z, and their derivatives by both of them."""
+        widths = [high - low for low, high in self._bounds]
+        w1, w3 = ((x - low) / width for x, (low, _), width in zip(z, self._bounds, widths, strict=True))
+        if not (0 < w1 < 1 and 0 < w3 < 1):
+            raise _Refused("a premise leaves its bounds")
+        corners = list(zip(*(self._gains[i][k][j] for i in _BOTH for k in _BOTH), strict=True))
+        gains = [(1 - w3) * ((1 - w1) * a + w1 * b) + w3 * ((1 - w1) * c + w1 * d) for a, b, c, d in corners]
+        by_1 = [((1 - w3) * (b - a) + w3 * (d - c)) / widths[0] for a, b, c, d in corners]
+        return gains, by_1, [((1 - w1) * (c - a) + w1 * (d - b)) / widths[1] for a, b, c, d in corners]
+
+    def _premises(self, x: list[Any]) -> list[Any]:
+        return [x[1].cos(), -self.nominal.c[4] * (x[0] + x[1]).sinc()]
+
+    def _slopes(self, x: list[Any], r: list[Any]) -> list[list[Any]]:
+        """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at x = (θ, θ̇, x_I)."""
+        z, both, c2 = self._premises(x), x[0] + x[1], self.nominal.c[1]
+        turn, error = -self.nominal.c[4] * (both.cos() - both.sinc()) / both, _less(x, r)
+        ahead, slopes = [(c2 * (2 * r[4] + r[5]), -r[1]), (c2 * r[4], -r[0] - r[1])], []
+        for j in _BOTH:
+            gains, by_1, by_3 = self._blended(z, j)
+            first = (_dot(by_1, error) + ahead[j][0]) * -x[1].sin()
+            third = (_dot(by_3, error) + ahead[j][1]) * turn
+            slopes.append([gains[0] + third, gains[1] + first + third, *gains[2:]])
+        return slopes
+
+    def respond(self, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, np.ndarray, list[Any]]:
+        """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
+        (r, u_ff), x = self._target(k), [arb(number) for number in point]
+        wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
+        slopes, c2 = self._slopes(wide, r), self.nominal.c[1]
+        centre = np.array([[float(a.mid()) for a in row] for row in self._slopes(x, r)])
+        z, aim = self._premises(x), self._premises(r)
+        first, third = z[0] - aim[0], z[1] - aim[1]
+        own = [c2 * first * (2 * r[4] + r[5]) - third * r[1], c2 * first * r[4] - third * (r[0] + r[1])]
+        u, rest = [], np.zeros(2)
+        for j in _BOTH:
+            gains, error = self._blended(z, j)[0], _less(wide, r)
+            u.append(_dot(gains, _less(x, r)) + own[j] + u_ff[j])
+            left = np.array([_upper(a - c) for a, c in zip(slopes[j], centre[j].tolist(), strict=True)]) @ box
+            # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
+            sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in error])) + 200.0 * sum(map(_upper, r)) + 1.0
+            rest[j] = left + 2.0 * _ULPS * sizes
+        return u, centre, rest * _UP, r[:2]
+
+
+def _less(x: list[Any], r: list[Any]) -> list[Any]:
+    return [*(a - b for a, b in zip(x[:4], r[:4], strict=True)), *x[4:]]
+
+
+def _dot(a: list[Any], b: list[Any]) -> Any:
+    return sum((x * y for x, y in zip(a, b, strict=True)), arb(0))
+
+
+class _Course:
+    """f(s) = Σ c_j T_j(s) ± `left` on a segment."""
+
+    def __init__(self, c: list[Any], left: float) -> None:
+        self.c, self.left, self.sizes = c, left, [_upper(x) for x in c]
+
+    def line(self) -> tuple[float, float, float]:
+        """Return level and slope of the line c_0 + c_1 s in floats, and a bound of what is beside it."""
+        level, slope = float(self.c[0].mid()), float(self.c[1].mid())
+        beside = _upper(self.c[0] - level) + _upper(self.c[1] - slope) + sum(self.sizes[2:]) + self.left
+        return level, slope, beside * _UP
+
+    def size(self) -> float:
+        return (sum(self.sizes) + self.left) * _UP
+
+    def range(self) -> tuple[float, float]:
+        """Return the ends of f: its values at both ends if |c_1| > Σ j² |c_j|, because |T_j'| <= j²."""
+        ends = [_ends(x) for x in (sum(self.c, arb(0)), sum(self.c[::2], arb(0)) - sum(self.c[1::2], arb(0)))]
+        beside = self.left
+        if not float(self.c[1].abs_lower()) > 1.001 * sum(j * j * x for j, x in enumerate(self.sizes[2:], 2)):
+            ends, beside = [_ends(self.c[0])], (sum(self.sizes[1:]) + self.left) * _UP
+        return min(low for low, _ in ends) - beside, max(high for _, high in ends) + beside
+
+    def ball(self, radius: float) -> Any:
+        low, high = self.range()
+        return arb(low - radius).union(arb(high + radius))
+
+
+class _Motion:
+    """The centre on a segment: θ and q as polynomials in s, and their derivatives by time t = begin + h (s + 1)/2."""
+
+    def __init__(self, angles: list[list[float]], h: float, begin: float) -> None:
+        if len(angles) != 4 or any(len(row) != 8 for row in angles):
+            raise _Refused("the centre has four polynomials of degree 7")
+        rows = [[arb(x) for x in row] for row in angles]
+        self.polynomials = [rows]
+        for _ in _BOTH:
+            rows = [[*[2 * i * x / arb(h) for i, x in enumerate(row)][1:], arb(0)] for row in rows]
+            self.polynomials.append(rows)
+        turns: list[Any] = [arb.pi() * (2 * i + 1) / (2 * _NODES) for i in range(_NODES)]
+        self._turned = arb_mat([[(j * x).cos() * 2 / _NODES / (1 if j else 2) for x in turns] for j in range(_NODES)])
+        discs: list[Any] = [acb(arb(0, (r + 1 / r) / 2), arb(0, (r + 1 / r) / 2)) for r in _RADII]
+        every = [(*self.at(s), begin + (s + 1) * arb(h) / 2) for s in [*(x.cos() for x in turns), *discs]]
+        self._nodes, self._discs = every[:_NODES], every[_NODES:]
+
+    def at(self, s: Any) -> list[list[Any]]:
+        """Return angles, velocities and accelerations (4,) of θ and q at s."""
+        powers = [s**i for i in range(8)]
+        return [[_dot(row, powers) for row in part] for part in self.polynomials]
+
+    def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
+        """Return f(x, v, a, t) as courses; those of a linear function of x, v, a are polynomials, and exact."""
+        values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
+        flat = arb_mat([[x for part in row for x in part] for row in values])
+        places = iter((self._turned * flat).transpose().table())
+        exact, found = [_Course(next(places), 0.0) for _ in values[0][0]], []
+        for f in others:
+            shares = [4.0 * r ** (1 - _NODES) / (r - 1.0) * _UP for r in _RADII]
+            sizes = np.array([[float(x.abs_upper()) for x in f(*disc)] for disc in self._discs])
+            left = np.nan_to_num(sizes * np.array(shares)[:, np.newaxis], nan=math.inf).min(axis=0)
+            found.append([_Course(next(places), one) for one in left.tolist()])
+        return exact, found
+
+
+def _floats(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return middles and radii of a matrix of balls."""
+    shape, entries = (matrix.nrows(), matrix.ncols()), matrix.entries()
+    middle = np.array([float(x.mid()) for x in entries]).reshape(shape)
+    radius = np.array([float(x.rad()) for x in entries]).reshape(shape)
+    if not np.isfinite(middle).all():
+        raise _Refused("a matrix is not finite")
+    return middle, radius * _UP + 2.0**-52 * np.abs(middle)
+
+
+def _above(matrix: Any) -> np.ndarray:
+    middle, radius = _floats(matrix)
+    return np.asarray((np.abs(middle) + radius) * _UP)
+
+
+_distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
+
+
+def _product(matrix: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Return a product with many columns, block by block: no library starts threads for it."""
+    return np.hstack([matrix @ G[:, at : at + 1000] for at in range(0, max(G.shape[1], 1), 1000)])
+
+
+def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return bounds of |X G g|, with `own` added to the columns of the constants."""
+    image = _product(rows[0], G)
+    image[:, : own.shape[1]] += own
+    spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
+    return np.asarray((np.abs(image).sum(axis=1) + spare * _UP) * _UP)
+
+
+class _Friction:
+    """The friction of one motor on a segment: what its plan makes of it."""
+
+    def __init__(self, plant: _Plant, joint: int, plan: str, mode: int, known: Any, motion: Any) -> None:
+        self.joint, self.plan, self.known, self._plant = joint, plan, known, plant
+        self.net, self.needed, self.v, self.a, self.slips = motion  # N, P, v, θ̈ and F(v) of the centre
+        self.side, self._rests = (mode if mode in (-1, 1) else 0), all(x.is_zero() for x in self.v.c)
+        self.static, self.share = _ends(plant.friction(joint, arb(0))), plant.share[joint]
+        self.uncertain = max(1.0 - self.share[0], self.share[1] - 1.0)
+        self.inertia, self._range = _ends(plant.inertia[joint])[0], self.v.range()
+        plans = ("any",) if plant.any else ("held", "slip", "monotone", "mixed")
+        fits = plan in plans and mode in (-1, 0, 1, 2) and (self.side or plan != "slip")
+        if not fits or (plan == "held" and not (self._rests and known == (0.0, 0.0))):
+            raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit")
+        parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
+        self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound of |P - σ F(v)|
+        self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
+
+    def parted(self, start: float, h: float, driving: float) -> Any:
+        """Return a bound of |δv| by Lemma 2, for |δN| and the constants within `driving` [N m]."""
+        eta, aside = self.needed.size() + self.share[1] * self.static[1], 0.0
+        if self.side:  # a centre that is on the other side by `aside` is compared after that shift
+            eta = self.missed + self.uncertain * self.static[1]
+            aside = max(0.0, -self._range[0] if self.side > 0 else self._range[1])
+        elif self._rests:
+            eta = max(0.0, self.needed.size() - self.share[0] * self.static[0])
+        steep = self._plant.steepest(self.joint) * self.share[1]
+        grown = start + aside + h * (driving + eta + steep * aside) / self.inertia
+        return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
+
+    def bound(self, tube_v: float, spread: float, h: float) -> Any:
+        """Return a bound of |Γ_f + P| beside the linear slope; |N - N_y| <= `spread` [N m], constants included."""
+        j, plant, (weak, strong) = self.joint, self._plant, self.share
+        low, high = self._range[0] - tube_v, self._range[1] + tube_v
+        if self.plan == "any":
+            return (self.needed.size() + strong * self.static[1]) * _UP
+        if self.plan == "held":
+            if not self.net.size() + spread < weak * self.static[0] * (1.0 - 1e-9):
+                raise _Refused(f"motor {j + 1} may begin to move")
+            return 0.0
+        if self.plan == "slip":
+            if not (low if self.side > 0 else -high) > 0.0:
+                raise _Refused(f"motor {j + 1} may stop")
+            falling, rising = plant.slopes(j, *sorted((abs(low), abs(high))))
+            bent = max(abs(falling + self.slope), abs(rising + self.slope)) + self.uncertain * max(-falling, rising)
+            return (self.missed + bent * tube_v) * _UP
+        falling, rising = self._rates(tube_v, spread)
+        low = max(low, min(self.known[0], 0.0) + min(falling, 0.0) * h * _UP)
+        high = min(high, max(self.known[1], 0.0) + max(rising, 0.0) * h * _UP)
+        need, found = self.needed.range(), [0.0]
+        for side, slowest, fastest in ((1, max(0.0, low), high), (-1, max(0.0, -high), -low)):
+            if fastest > 0.0:
+                under, over = plant.weakest(j, fastest), _ends(plant.friction(j, arb(slowest)))[1]
+                if side == self.side:
+                    found.append(self.missed + plant.steepest(j) * tube_v + self.uncertain * over)
+                else:
+                    pulls = -side * weak * under, -side * strong * over
+                    found += [abs(need[0] + min(pulls)), abs(need[1] + max(pulls))]
+        if low <= 0.0 <= high:  # at rest, where Γ_f = -N and the motor does not accelerate
+            static, net = strong * self.static[1], self.net.range()
+            rest = spread + self.inertia * (1.0 + 1e-9) * self.a.size()
+            bottom, top = max(net[0] - spread, -static), min(net[1] + spread, static)
+            if bottom <= top:
+                found += [min(rest, max(0.0, top - need[0])), min(rest, max(0.0, need[1] - bottom))]
+        return max(found) * _UP
+
+    def _rates(self, tube_v: float, spread: float) -> tuple[float, float]:
+        """Return the least v̇ where v < 0, and the largest where v > 0."""
+        net, weak = self.net.range(), self.share[0]
+        low, high = self._range[0] - tube_v, self._range[1] + tube_v
+        back, forth = (weak * self._plant.weakest(self.joint, x) for x in (-low, high))
+        spare = 1e-10 * (abs(net[0]) + abs(net[1]) + spread + back + forth)
+        return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
+
+    def after(self, tube_v: float, spread: float, h: float, end: float) -> tuple[float, float]:
+        """Return bounds of v at the end of the segment, where the centre has the velocity `end`."""
+        if self.plan in ("any", "held"):
+            return (-math.inf, math.inf) if self.plan == "any" else (0.0, 0.0)
+        falling, rising = self._rates(tube_v, spread)
+        least = min(0.0, min(self.known[0], 0.0) + h * falling * (1.0 - 1e-10 * np.sign(falling)))
+        most = max(0.0, max(self.known[1], 0.0) + h * rising * (1.0 + 1e-10 * np.sign(rising)))
+        spare = tube_v * _UP + 1e-15 * (1.0 + abs(end))
+        return max(end - spare, least), min(end + spare, most)
+
+
+class _Tube:
+    """The tube: iterating gives bounds of the tip error at the end of each control step, and at any instant of it."""
+
+    def __init__(self, claim: _Claim) -> None:
+        name = claim.policy.removesuffix("-tip") + ".json"
+        content = (_CONTROLLERS / name).read_bytes()
+        if claim.files != {name: hashlib.sha256(content).hexdigest()}:
+            raise _Refused(f"{name} is not the controller file of the bound")
+        self._claim, self._law = claim, _Law(json.loads(content), claim.duration)
+        robot = self._law.robot
+        if any(robot.get(name) != value for name, value in _TABLE_1.items()):
+            raise _Refused(f"{name} is not for the arm of Table 1")
+        self._plant = plant = _Plant(robot, claim.plants)
+        if not 1 <= len(claim.steps) == len(claim.tip) <= round(claim.duration / _PERIOD):
+            raise _Refused(f"{len(claim.steps)} control steps and {len(claim.tip)} samples in {claim.duration} s")
+        q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
+        hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
+        start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
+        self._centre = [*(float(x.mid()) for x in start), *[0.0] * 4]
+        self._memory, self._known = [0.0, 0.0], [(0.0, 0.0)] * 2
+        # rows: ξ with δu, then x_I; columns: the constants, then what has disturbed the motion so far
+        self._G = np.zeros((12, len(plant.column)))
+        self._move([start, [arb(0)] * 4])
+        self._last = self._tip(0.0)
+
+    def __iter__(self) -> Iterator[tuple[float, float]]:
+        """Yield bounds of the tip error at the end of each control step, and during it [m]."""
+        for k, parts in enumerate(self._claim.steps):
+            torque, begun, most = self._sample(k), 0.0, 0.0
+            for part in parts:
+                most = max(most, self._cross(part, _PERIOD * k + begun, torque))
+                begun += part["duration"]
+            if begun != _PERIOD:
+                raise _Refused(f"its segments last {begun} s")
+            self._G[8:10] = 0.0
+            if k % 40 == 39:
+                self._prune()
+            yield self._last, most
+
+    def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
+        """Add a box around the first rows, and columns."""
+        wide = np.eye(12)[:, : len(box)] * box
+        self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
+
+    def _move(self, of: list[list[Any]]) -> None:
+        """Measure deviations from the centre's floats instead of angles and velocities that differ by rounding."""
+        self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
+
+    def _prune(self) -> None:
+        """Replace the smallest columns, at most a share of 1e-4 of any row, by the box around them."""
+        m = len(self._plant.column)
+        sizes = np.abs(self._G[:, m:])
+        share = (sizes / np.maximum(sizes.sum(axis=1, keepdims=True), 1e-300)).max(axis=0)
+        order = np.argsort(share)
+        small = m + order[np.cumsum(share[order]) < 1e-4]
+        box = np.abs(self._G[:, small]).sum(axis=1) * _UP
+        self._G = np.delete(self._G, small, axis=1)
+        self._widen(box)
+
+    def _sample(self, k: int) -> np.ndarray:
+        """Add the law's torque and its memory at t_k to the zonotope; return the torque at the centre."""
+        G, c = self._G[[0, 1, 4, 5, 10, 11]], self._centre
+        box, point = np.abs(G).sum(axis=1) * _UP, [*c[:2], *c[4:6], *self._memory]
+        answer, slopes, rest, aim = self._law.respond(k, point, box)
+        torque = np.array([float(u.mid()) for u in answer])
+        rest += _SMALL * np.abs(slopes) @ box
+        rest += [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
+        after = [x + arb(_PERIOD) * (arb(p) - a) for x, p, a in zip(self._memory, point[:2], aim, strict=True)]
+        self._memory = [float(x.mid()) for x in after]
+        left = [_upper(x - c) + _SMALL * abs(c) for x, c in zip(after, self._memory, strict=True)]
+        self._G[8:10], self._G[10:12] = slopes @ G, G[4:6] + _PERIOD * G[:2]
+        self._widen(np.concatenate([np.zeros(8), rest, left + _SMALL * (box[4:] + box[:2])]))
+        reach = np.abs(torque) + np.abs(self._G[8:10]).sum(axis=1) * _UP
+        if not (reach < self._law.robot["torque_limit"]).all():
+            raise _Refused("a motor may reach its torque limit")
+        return torque
+
+    def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
+        """Take the zonotope over a segment; return a bound of the tip error during it [m]."""
+        p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
+        whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
+        if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
+            raise _Refused("a segment has 18 radii, two plans and modes, and a duration of at most a period")
+        motion = _Motion(part["angles"], h, begin)
+        self._move(motion.at(arb(-1)))
+
+        def pull(x: Any, v: Any) -> list[Any]:
+            return [p.stiffness[j] * (x[j] - x[2 + j]) + p.damping[j] * (v[j] - v[2 + j]) for j in _BOTH]
+
+        def linear(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
+            net = [arb(u) - f - p.viscous[j] * v[j] for j, (u, f) in enumerate(zip(torque, pull(x, v), strict=True))]
+            needed = [n - p.inertia[j] * a[j] for j, n in enumerate(net)]
+            bent = [y[j] - y[2 + j] for y in (x, v) for j in _BOTH]
+            return [*bent, *net, *v[:2], *a[:2], *needed, *x[2:], *v[2:], *a[2:]]
+
+        def defects(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
+            return [t - r for t, r in zip(pull(x, v), link_torque(p.c, x[2:], v[2:], a[2:]), strict=True)]
+
+        def off(x: Any, _v: Any, _a: Any, t: Any) -> list[Any]:
+            target = _on_circle(t, self._claim.duration)[0]
+            return [a - b for a, b in zip(_tip(x[2:], p.length)[0], target, strict=True)]
+
+        slips = [lambda _x, v, _a, _t: [p.friction(j, v[j]) for j in _BOTH]]
+        weights = [lambda x, v, a, _, c=c: link_torque(c, x[2:], v[2:], a[2:]) for c in p.masses.values()]
+        exact, (defect, errors, slip, *mass) = motion.courses(linear, [defects, off, *slips, *weights])
+        names = ("bend", "rate", "net", "v", "a", "needed", "q", "dq", "ddq")
+        along = {name: exact[2 * i : 2 * i + 2] for i, name in enumerate(names)} | {"slips": slip, "defect": defect}
+        own = [[along[name][j] for name in ("net", "needed", "v", "a", "slips")] for j in _BOTH]
+        frictions = [_Friction(p, j, part["plans"][j], part["modes"][j], self._known[j], own[j]) for j in _BOTH]
+        middle = [[row[0] for row in of[2:]] for of in motion.polynomials]
+        slopes = [np.vectorize(lambda x: float(x.mid()))(link_slopes(c, *middle)) for c in (p.c, *p.masses.values())]
+        drives = self._drives(along, mass, frictions)
+        linear_part = self._free(*self._linear(slopes, frictions), drives[0], drives[1], h)
+        for room, floor in _ROOMS:
+            tube = room * radii + floor * _FLOOR
+            try:
+                w, reached, spread = self._torques(tube, along, frictions, slopes, drives, linear_part, h)
+            except _Refused:
+                if room == _ROOMS[-1][0]:
+                    raise
+                continue
+            if (reached < tube).all():
+                break
+        else:
+            row = int(np.argmax(reached / tube))
+            raise _Refused(f"row {row + 1} reaches {reached[row]:.4g} and leaves the tube, {radii[row]:.4g}")
+        linear_part[2](w)
+        for j, friction in enumerate(frictions):
+            if friction.plan == "monotone":
+                self._G[4 + j] = 0.0
+                self._widen(np.zeros(0), w[j] * np.eye(12)[:, 4 + j : 5 + j])
+        self._centre, before = [float(x) for x in part["end"]], self._last
+        ends = motion.at(arb(1))
+        self._known = [f.after(tube[_V][j], spread[j], h, float(ends[1][j].mid())) for j, f in enumerate(frictions)]
+        self._move(ends)
+        self._last = self._tip(begin + h)
+        return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
+
+    def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
+        """Return A (10, 10), b (10, 6), S (18 + 2 masses, 10) and D of ξ̇ = A ξ + b w, observed S ξ + D w."""
+        p, zero, (angle, speed, mass) = self._plant, arb(0), slopes[0]
+        A, b, D = ([[zero] * n for _ in range(rows)] for rows, n in ((10, 10), (10, 6), (18, 6)))
+        S = [[arb(int(i == j)) for j in range(10)] for i in range(8)]
+        pulls, nets = [], []
+        for j, friction in enumerate(frictions):
+            moves = 0 if friction.plan == "held" else 1
+            free, joint = moves / p.inertia[j], [zero] * 10
+            joint[j], joint[4 + j] = p.stiffness[j], p.damping[j]
+            joint[2 + j], joint[6 + j] = -p.stiffness[j], -p.damping[j]
+            net = [-x for x in joint]
+            net[4 + j], net[8 + j] = net[4 + j] - p.viscous[j], arb(1)
+            nets.append(net)
+            A[j][4 + j], A[2 + j][6 + j], A[4 + j] = arb(moves), arb(1), [free * x for x in net]
+            A[4 + j][4 + j] += free * arb(friction.slope)
+            b[4 + j][j], b[4 + j][2 + j] = free, -free
+            for i in _BOTH:
+                joint[2 + i], joint[6 + i] = joint[2 + i] - arb(angle[j][i]), joint[6 + i] - arb(speed[j][i])
+            pulls.append(joint)
+        for i, inverse in enumerate(np.linalg.inv(mass).tolist()):
+            A[6 + i] = [inverse[0] * x + inverse[1] * y for x, y in zip(*pulls, strict=True)]
+            b[6 + i][2:6] = list(map(arb, inverse + inverse))
+        S += [[x - y for x, y in zip(S[at + j], S[at + 2 + j], strict=True)] for at in (0, 4) for j in _BOTH]
+        S += nets + [row[:] for row in A[4:8]]
+        D[14:18] = [row[:] for row in b[4:8]]
+        for j, friction in enumerate(frictions):
+            if friction.plan == "monotone":  # its velocity is an input, bounded beside the linear equation
+                v = 4 + j
+                A[v], b[v], S[14 + j], D[14 + j] = [zero] * 10, [zero] * 6, [zero] * 10, [zero] * 6
+                for row, channel in zip([*A, *S], [*b, *D], strict=True):
+                    channel[j], row[v] = row[v], zero
+        rows = [[*x, *y] for x, y in zip(S, D, strict=True)]
+        seen = arb_mat([rows[i] for i in _SEEN])
+        for one in slopes[1:]:
+            rows += (arb_mat(np.hstack(one).tolist()) * seen).table()
+        return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
+
+    def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
+        """Return level and slope (6, m) of the constants' torques by channel, rest (6,), and sizes on motors (2,)."""
+        p, m = self._plant, len(self._plant.column)
+        level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
+        signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
+        signals |= {"motor_inertia": ("a", 0, -1.0), "viscous_friction": ("v", 0, -1.0)}
+        for (kind, j), column in p.column.items():
+            friction = frictions[j]
+            if kind == "mass":
+                made += [(column, 4 + i, -1.0, course) for i, course in enumerate(mass[list(p.masses).index(j)])]
+            elif kind == "dry_friction":
+                factor = -friction.side * friction.uncertain if friction.plan == "slip" else 0.0
+                made.append((column, j, factor, friction.slips))
+            else:
+                name, channel, sign = signals[kind]
+                sizes[j] += p.half[kind][j] * along[name][j].size() * _UP
+                made.append((column, channel + j, sign * p.half[kind][j], along[name][j]))
+        for column, channel, factor, course in made:
+            if channel not in _BOTH or frictions[channel].plan != "monotone":
+                at, by, beside = course.line()
+                level[channel, column], slope[channel, column] = factor * at, factor * by
+                rest[channel] += abs(factor) * (beside + _SMALL * (abs(at) + abs(by))) * _UP
+        return level, slope, rest, sizes
+
+    def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
+        """Return w̄ (6,) on a tube, what S ξ then reaches (18,), and a bound of |N - N_y| with the constants (2,)."""
+        (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
+        w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
+        within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
+        own = half["motor_inertia"] * tube[_MOTOR] + half["viscous_friction"] * tube[_V]
+        spread = (tube[_NET] + sizes + within + own) * _UP
+        w[_JOINTS] += within
+        for j, friction in enumerate(frictions):
+            if friction.plan == "monotone":
+                w[j] = friction.parted(begin[j], h, spread[j])
+            else:
+                w[j] += friction.bound(tube[_V][j], spread[j], h) + own[j]
+        radii = np.array([tube[_Q], tube[_DQ], tube[_LINK]])
+        wide = [[along[of][i].ball(float(radii[n, i])) for i in _BOTH] for n, of in enumerate(("q", "dq", "ddq"))]
+        w[_LINKS] += [x.size() for x in along["defect"]]
+        for c, at in zip((p.c, *p.masses.values()), slopes, strict=True):
+            w[_LINKS] += np.einsum("kij,kj->i", _distance(link_slopes(c, *wide), at), radii) * _UP
+        others = w[_LINKS] * _UP
+        products = np.einsum("kij,kj->i", np.abs(slopes[1:]).sum(axis=0), radii) * _UP if p.masses else np.zeros(2)
+        for _ in range(4):  # r_p ξ, bounded by the tube or as it is observed
+            w[_LINKS] = (others + products) * _UP
+            products = np.minimum(products, (free + push @ (w * _UP))[18:].reshape(-1, 2).sum(axis=0) * _UP)
+        w *= _UP
+        reached = ((free + push @ w) * _UP)[:18]
+        for j, friction in enumerate(frictions):
+            if friction.plan == "monotone":
+                pull = spread[j] + friction.needed.size() + friction.share[1] * friction.static[1]
+                reached[14 + j] = pull / friction.inertia * _UP
+        return w, reached, spread
+
+    def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
+        """Return bounds of S ξ without w, of what w = 1 adds, and the function that takes the zonotope on, for w̄.
+
+        Between both ends S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). Over each
+        half of the segment two moments of w are columns, about the middle; the third is a box.
+        """
+        m, G, size_A, size_b, SA = level.shape[1], self._G[:10], _above(A), _above(b), S * A
+        E, quarter = _above(arb_mat((size_A * (h * _UP)).tolist()).exp()), (A * (arb(h) / 4)).exp()
+        half = quarter * quarter
+        phi, rows, feed, Sb, SAb = map(_floats, (half * half, S, D, S * b, SA * b))
+        moved = _product(phi[0], G)
+        box = (phi[1] + _SMALL / 4 * np.abs(phi[0])) @ np.abs(G).sum(axis=1) * _UP
+        if m:  # ∫ e^{A (h - t)} b (level + slope s(t)) dt, by the series in A
+            power = b * arb_mat(np.hstack([level, slope]).tolist())
+            total, later = power * 0, power * 0
+            for i in range(26):
+                total, later = total + power * (arb(h) / (i + 1)), later + power * (arb(2 * h) / (i + 2))
+                power = A * power * (arb(h) / (i + 1))
+            (held, held_left), (ramp, ramp_left) = _floats(total), _floats(total - later)
+            moved[:, :m] += held[:, :m] + ramp[:, m:]
+            missed = held_left + ramp_left + _SMALL * (np.abs(held) + np.abs(ramp)) + 3.0 * h * E @ _above(power)
+            box += missed.sum(axis=1)
+        spare = np.abs(level).sum(axis=1) + np.abs(slope).sum(axis=1)
+        wide = [left + _SMALL * np.abs(middle) for middle, left in (feed, SAb, Sb)]
+        first = _reach(rows, G, feed[0] @ (level - slope)) + wide[0] @ spare
+        last = _reach(rows, moved, feed[0] @ (level + slope)) + wide[0] @ spare + _above(S) @ box
+        bend = _reach(_floats(SA * A), G, SAb[0] @ (level - slope) + Sb[0] @ slope * (2.0 / h))
+        bend += (wide[1] + 2.0 / h * wide[2]) @ spare
+        grown = h * _above(SA) @ (E[:, :8] @ bend[:8])  # the first rows of S are ξ; δu does not move
+        free = (np.maximum(first, last) + h * h / 8.0 * (bend + grown)) * _UP
+        push = _above(D) + h * _above(S * b) + h * h / 2.0 * _above(SA * b) + h**3 / 6.0 * _above(SA * A) @ (E @ size_b)
+
+        def after(w: np.ndarray) -> None:
+            columns, missed = [], box.copy()
+            for middle in (half * quarter, quarter):  # from the middles of both halves to the end
+                for matrix, share in ((middle * b, h / 2.0), (middle * A * b, h * h / 16.0)):
+                    made, left = _floats(matrix)
+                    columns.append(share * made * w)
+                    missed += share * (left + _SMALL * np.abs(made)) @ w
+            missed += h**3 / 96.0 * size_A @ (size_A @ (E @ (size_b @ w)))
+            new = np.vstack([np.hstack(columns), np.zeros((2, 4 * len(w)))])
+            self._G[:10] = moved
+            self._widen(missed[:8] * _UP, new[:, new.any(axis=0)])
+
+        return free, push * _UP, after
+
+    def _tip(self, t: float) -> float:
+        """Return a bound of |p(q) - p_r|: in `_TURNS` directions, with the quadratic remainder."""
+        tip, J = _tip([arb(x) for x in self._centre[2:4]], self._plant.length)
+        off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration)[0], strict=True)]
+        offset, middle = math.hypot(*map(_upper, off)) * _UP, np.array([float(x.mid()) for x in off])
+        turns = np.pi * np.arange(_TURNS) / _TURNS
+        units, links = np.stack([np.cos(turns), np.sin(turns)], axis=1), self._G[2:4]
+        (jacobian, left), radius = _floats(arb_mat(J)), np.abs(links).sum(axis=1) * _UP
+        reach = np.abs(_product(units @ jacobian, links)).sum(axis=1) * _UP
+        corner = _UP / math.cos(0.5 * math.pi / _TURNS)
+        wide = min(offset + reach.max() * corner, (np.abs(units @ middle) + reach).max() * corner + _SMALL * offset)
+        missed = ((left + 4.0 * _SMALL * np.abs(jacobian)) @ radius).sum() + 1e-15
+        return float((wide + missed + self._bent(*radius)) * _UP)
+
+    def _bent(self, one: float, two: float) -> float:
+        """Return a bound of |p(q) - p(q_y) - J δq| for |δq_1| and |δq_2|."""
+        first, second = map(_upper, self._plant.length)
+        return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
+
+    def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
+        """Return how far the tip error can be above that at both ends: each part is within h²/8 sup |f̈| of a line.
+
+        Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
+        """
+        total = 2.0 * math.hypot(*(course.line()[2] for course in errors)) + 2.0 * self._bent(*tube[_Q])
+        moves = [[x.size() for x in along[name]] for name in ("dq", "ddq")] + [tube[rows] for rows in (_Q, _DQ, _LINK)]
+        for n, length in enumerate(self._plant.length, 1):
+            dq, ddq, r, dr, ddr = (float(sum(x[:n])) for x in moves)
+            total += h * h / 8.0 * _upper(length) * (ddr + 2.0 * dq * dr + (ddq + dq * dq) * r) * _UP
+        return total * _UP

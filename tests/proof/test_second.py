@@ -1,0 +1,176 @@
+"""The second checker of tip bounds accepts true files and refuses forged ones; its equations are the package's."""
+
+import ast
+import copy
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import arb, ctx
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.friction import dry_friction_of, stribeck_magnitude
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound, problem_of
+from fuzzyarm.policies.tip_files import save_bound
+from fuzzyarm.proof import second
+from fuzzyarm.proof.tip.plant import SETS
+
+STEPS, AT = 10, 6
+LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip")
+
+
+@pytest.fixture(scope="module")
+def true(tmp_path_factory):
+    path = tmp_path_factory.mktemp("true") / "bound.json"
+    save_bound(find_bound(TipClaim("fuzzy-4-tip", plants=SETS["near"], steps=STEPS)), path)
+    return path
+
+
+def test_a_true_bound_is_proven_nearly_as_tightly(true):
+    found = second.check(true)
+    assert found.proven and found.reason == "" and "mass [0.995, 1.005]" in found.about
+    assert found.bound <= 1.001 * json.loads(true.read_text())["bound"]
+
+
+def _narrow(row):
+    def forge(document):
+        document["steps"][AT][0]["tube"][row] *= 0.8
+
+    return forge
+
+
+def _held(document):
+    part = document["steps"][AT][0]
+    part["plans"][0], part["modes"][0] = "held", 2
+
+
+def _shift(document):
+    document["steps"][AT][0]["angles"][0][0] += 1e-4
+
+
+FORGED = {
+    **{f"radius {row + 1}": (_narrow(row), f"row {row + 1} ") for row in range(0, 18, 3)},
+    "another mass": (lambda d: d["plants"].update(mass=[0.9, 1.1]), "control step 1"),
+    "another friction": (lambda d: d["plants"].update(dry_friction=[0.3, 1.2]), "leaves the tube"),
+    "a lighter motor": (lambda d: d["plants"].update(motor_inertia=[0.7, 1.0]), "control step 1"),
+    "a motor that rests": (_held, "plan 'held'"),
+    "another side": (lambda d: d["steps"][AT][0].update(plans=["slip", "slip"], modes=[1, 1]), "may stop"),
+    "another centre": (_shift, "leaves the tube"),
+    "a missing step": (lambda d: d["steps"].pop(AT), "control steps"),
+    "a missing end": (lambda d: (d["steps"].pop(), d["steps"].append([])), "its segments last"),
+    "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip may err by"),
+    "a smaller tip": (lambda d: d["tip"].__setitem__(AT, 0.9 * d["tip"][AT]), "the tip may err by"),
+    "another controller": (lambda d: d["files"].update({"fuzzy-4.json": "0" * 64}), "is not the controller file"),
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_a_forged_bound_is_refused(true, tmp_path, name):
+    document, path = json.loads(true.read_text()), tmp_path / "forged.json"
+    before = copy.deepcopy(document)
+    forge, reason = FORGED[name]
+    forge(document)
+    assert document != before
+    path.write_text(json.dumps(document))
+    found = second.check(path)
+    assert found.verdict == "NOT PROVEN" and reason in found.reason, found.reason
+
+
+def test_the_set_is_that_of_the_numbers(true, tmp_path):
+    document, path = json.loads(true.read_text()), tmp_path / "renamed.json"
+    path.write_text(json.dumps(document | {"set_name": "table-1"}))
+    assert "dry_friction [0.8, 1.2]" in second.check(path).about
+
+
+def test_what_it_does_not_know_is_named(true, tmp_path, capsys):
+    document, path = json.loads(true.read_text()), tmp_path / "other.json"
+    for change, word in (({"policy": "computed-torque-tip"}, "computed-torque-tip"), ({"case": "payload"}, "case")):
+        path.write_text(json.dumps(document | change))
+        found = second.check(path)
+        assert found.verdict == "NOT CHECKED" and word in found.reason and not found.proven
+    assert main(["verify", "--twice", str(true)]) == 0
+    assert "PROVEN by the second checker" in capsys.readouterr().out
+    assert main(["verify", "--twice", str(second._CONTROLLERS / "fuzzy-1.json")]) == 2
+    path.write_text("{}")
+    with pytest.raises(ValueError, match="not the file of a bound"):
+        second.check(path)
+
+
+def test_it_imports_nothing_of_the_package():
+    tree = ast.parse(Path(second.__file__).read_text())
+    roots = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            roots |= {name.name.split(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            roots.add(str(node.module).split(".")[0])
+    assert roots <= {*sys.stdlib_module_names, "numpy", "flint"} and "importlib" not in roots
+
+
+def _nominal():
+    robot = json.loads((second._CONTROLLERS / "fuzzy-4.json").read_text())["robot"]
+    return second._Plant({name: second._read(value) for name, value in robot.items()}, second._DEFAULTS)
+
+
+def _arbs(x):
+    return [arb(float(number)) for number in x]
+
+
+def test_its_plant_is_the_environments():
+    """Links' torque, its derivatives by differences, and friction at random states; the two texts share nothing."""
+    plant, arm, rng, h = _nominal(), arm_constants(ArmParameters()), np.random.default_rng(1), 1e-6
+    dry = [dry_friction_of(ArmParameters(), joint) for joint in range(2)]
+    for _ in range(50):
+        x = rng.uniform([-3, -3, -9, -9, -90, -90], [3, 3, 9, 9, 90, 90])
+
+        def torque(x):
+            return rigid_inverse_dynamics(x[:2], x[2:4], x[4:], arm)
+
+        parts = [_arbs(part) for part in (x[:2], x[2:4], x[4:])]
+        np.testing.assert_allclose(
+            [float(t) for t in second.link_torque(plant.c, *parts)], torque(x), rtol=1e-12, atol=1e-10
+        )
+        slopes = np.hstack(np.vectorize(float)(second.link_slopes(plant.c, *parts)))
+        differences = np.stack([(torque(x + h * e) - torque(x - h * e)) / (2 * h) for e in np.eye(6)], axis=1)
+        np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-5)
+        for joint, v in enumerate(rng.uniform(-0.5, 0.5, 2).tolist()):
+            assert float(plant.friction(joint, arb(v))) == pytest.approx(stribeck_magnitude(v, dry[joint]), abs=1e-12)
+            slope = (plant.friction(joint, arb(v + h)) - plant.friction(joint, arb(v - h))) / (2 * h)
+            assert float(plant.slope(joint, arb(v))) == pytest.approx(float(slope), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_its_law_and_reference_are_the_policys(name, monkeypatch):
+    """The policy's floats lie in the balls, along the path and about it, and so do changes of the measured state."""
+    monkeypatch.setattr(ctx, "prec", second._BITS)
+    document = json.loads((second._CONTROLLERS / f"{name.removesuffix('-tip')}.json").read_text())
+    law, policy, rng = second._Law(document, 1.5), load_policy(name, control_period=1e-3), np.random.default_rng(2)
+    references, memory = problem_of(TipClaim(name)).schedule.references, None
+    for k in range(40):
+        x = np.concatenate([references[k, :4] + rng.uniform(-1e-4, 1e-4, 4), rng.uniform(-1e-6, 1e-6, 2)])
+        memory = np.concatenate([x[4:], np.zeros(policy.memory_size - 2) if memory is None else memory[2:]])
+        box, twin = np.full(6, 1e-4), x + rng.uniform(-1e-4, 1e-4, 6)
+        other = np.concatenate([twin[4:], memory[2:]])
+        moved, _ = policy.predict(np.concatenate([twin[:4], references[k]]), other)
+        torque, memory = policy.predict(np.concatenate([x[:4], references[k]]), memory)
+        u, slopes, rest, _ = law.respond(k, x.tolist(), box)
+        spread = [second._upper(ball - ball.mid()) for ball in u]
+        middle = np.array([float(ball.mid()) for ball in u])
+        assert (np.abs(torque - middle) <= spread + rest).all()
+        assert (np.abs(moved - middle - slopes @ (twin - x)) <= spread + rest).all()
+        assert (rest < 0.1).all() and max(spread) < 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", ["table-1", "near"])
+@pytest.mark.parametrize("law", LAWS)
+def test_full_motions_are_proven_twice(law, name, tmp_path):
+    save_bound(find_bound(TipClaim(law, plants=SETS[name])), tmp_path / "bound.json")
+    assert second.check(tmp_path / "bound.json").proven
