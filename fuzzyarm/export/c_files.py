@@ -17,7 +17,7 @@ from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import bounds_of
-from fuzzyarm.export._c_text import Recorded, Unsupported, program_of
+from fuzzyarm.export._c_text import LARGEST, Recorded, Unsupported, program_of
 from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -63,13 +63,14 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
     long lane, call;
     for (lane = 0; lane < lanes; lane++) {{
         {name}_state state;
+        {name}_init(&state);
         memcpy(state.memory, memory + lane * {size}, sizeof state.memory);
         for (call = 0; call < calls; call++) {{
             const long at = call * lanes + lane;
             if (starts[at]) {{
                 {name}_init(&state);
             }}
-            {name}_step(&state, seen + at * {inputs}, torque + at * {joints});
+            (void){name}_step(&state, seen + at * {inputs}, torque + at * {joints});
         }}
         memcpy(memory + lane * {size}, state.memory, sizeof state.memory);
     }}
@@ -191,11 +192,15 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
     lines = [
         f"Policy {label} of {policy.joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
-        "torques in between.",
+        "torques in between. The first call after _init takes the arm as it is measured then.",
+        f"{name}_step returns 0; 1 where a number of the observation is not finite or beyond {LARGEST:g} (a sensor drops "
+        "out): the last torques hold, 0 at first, and the memory stays; 2 where the torques would not be finite: the "
+        "last ones hold, and the memory begins again. Decide after how many of these in a row the arm has to stop.",
+        "A missed call is not made up for: it is a call that returns 1. A sensor that jumps within that range is acted "
+        "on like a motion, and the torques stay within their limits.",
         f"observation: {parts}; {policy.joints} numbers each, in this order, measured and asked for at the same "
         "instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
-        "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
         *proven,
         f"Made from: {program.source}.",
     ]

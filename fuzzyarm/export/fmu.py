@@ -169,7 +169,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
     lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
     code = {
         "show": "    tip_state none;\n    tip_init(&none);\n"
-        f"    tip_step(&none, &own->state.memory[{plant.joints}], own->result);",
+        f"    (void)tip_step(&none, &own->state.memory[{plant.joints}], own->result);",
         **{"given": str(len(inputs)), "shown": str(len(shown)), "results": str(len(results))},
         **{"include": '#include "tip.h"', "started": "\n".join(lines), "single": ""},
         **{"period": repr(control_period), "allowed": f"a whole number of control periods of {control_period!r} s"},

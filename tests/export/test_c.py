@@ -229,12 +229,13 @@ def machine(function, tables):
     [(branching, ()), (looped, ()), (called, ()), (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),))],
 )
 def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
-    (tmp_path / "own.h").write_text("typedef struct { double memory[1]; } own_state;\n", encoding="utf-8")
-    (tmp_path / "own.c").write_text(machine(function, tables).source_text("own", "double"), encoding="utf-8")
+    program, state = machine(function, tables), ctypes.create_string_buffer(4096)
+    (tmp_path / "own.h").write_text(program.header_text("own", [], "double"), encoding="utf-8")
+    (tmp_path / "own.c").write_text(program.source_text("own", "double"), encoding="utf-8")
     step = ctypes.CDLL(str(compiled(tmp_path / "own.c", "-shared", "-fPIC"))).own_step
     for x, flag in itertools.product((-2.0, -0.0, 0.5, 1.0, 1.5, 3.0, 1e6), (-1.0, 0.0, 1.0, 2.5)):
         torque = ctypes.c_double()
-        step(None, (ctypes.c_double * 2)(x, flag), ctypes.byref(torque))
+        assert step(state, (ctypes.c_double * 2)(x, flag), ctypes.byref(torque)) == 0
         assert bits(torque.value) == bits(function(x, flag, *tables)), (x, flag)
 
 
