@@ -30,7 +30,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
-from fuzzyarm.export.c_files import _compilers as compilers
+from fuzzyarm.export.c_files import compilers
 from fuzzyarm.export.c_files import _random_observations as random_observations
 from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.policy import Policy

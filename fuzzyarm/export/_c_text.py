@@ -215,8 +215,11 @@ void {name}_init({name}_state *state);
         return f"int {name}_step({name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}])"
 
 
-def program_of(policy: Policy) -> Recorded:
-    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C."""
+def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
+    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C.
+
+    With `limits_given`, the torque limits [N m] are the first numbers of the memory.
+    """
     law, joints = law_of(policy), policy.joints
     if law is None:
         raise Unsupported(
@@ -230,10 +233,15 @@ def program_of(policy: Policy) -> Recorded:
     limit = tuple(policy.torque_limit.tolist())
 
     def step(seen: Any, memory: Any, *tables: Any) -> tuple[Any, Any]:
-        return command(memory, seen, (constants, limit), *tables)
+        if not limits_given:
+            return command(memory, seen, (constants, limit), *tables)
+        given, own = memory
+        after, torque = command(own, seen, (constants, given), *tables)
+        return (given, after), torque
 
+    memory = (limit, law.memory) if limits_given else law.memory
     source = f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}"
-    return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
+    return Recorded(step, (names, seen_by(joints)), memory, joints, LAW, source, law.tables)
 
 
 _, *_SECTIONS = re.split(r"\n/\* @@ (\w+) \*/\n", Path(__file__).with_name("functions.c").read_text(encoding="utf-8"))

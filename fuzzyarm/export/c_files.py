@@ -25,7 +25,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "UNITS", "c_name", "export_c", "sources_of",
+    "FLAGS", "UNITS", "c_name", "certificate_lines", "compilers", "export_c", "sources_of",
 ]  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def _random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     return seen
 
 
-_FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
 """Compiler options with which an exported law compiles without a warning and gives the bits of its policy."""
 
 _LOOP = """#include <string.h>
@@ -78,7 +78,7 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
 """
 
 
-def _compilers() -> list[str]:
+def compilers() -> list[str]:
     """Return which of the C compilers gcc and clang this machine has."""
     return [name for name in ("gcc", "clang") if shutil.which(name)]
 
@@ -93,7 +93,7 @@ class _CompiledLaw:
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
         text = _LOOP.format(name=name, real=number, size=memory_size, inputs=PARTS * joints, joints=joints)
         loop.write_text(text, encoding="utf-8")
-        words = [compiler, *_FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
+        words = [compiler, *FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
         subprocess.run(words, check=True, capture_output=True, text=True)
         self._run = ctypes.CDLL(str(library)).run
 
@@ -154,7 +154,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     texts = sources_of(label, policy, number)
     if number == "double":
         texts[f"{name}_vectors.csv"] = _vectors(policy, policy)
-    elif found := _compilers():
+    elif found := compilers():
         with tempfile.TemporaryDirectory() as aside:
             source = write_once(Path(aside), texts)[1]
             law = _CompiledLaw(source, policy.joints, policy.memory_size, number, found[0])
@@ -162,11 +162,14 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     return write_once(Path(folder), texts)
 
 
-def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
-    """Return header and source of a policy by file name; arguments and errors as for `export_c`."""
+def sources_of(label: str, policy: Policy, number: str, *, limits_given: bool = False) -> dict[str, str]:
+    """Return header and source of a policy by file name; arguments and errors as for `export_c`.
+
+    With `limits_given`, the memory begins with the torque limits [N m], which are set after ``_init``.
+    """
     name = c_name(label)
     try:
-        program = program_of(policy)
+        program = program_of(policy, limits_given=limits_given)
         source = program.source_text(name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
@@ -184,11 +187,6 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
     """Return the comment of a policy's header: use, units, limits and certificate."""
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
-    certificate, proven = default_certificate(policy), ["Certificate: none."]
-    if certificate is not None:
-        numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
-        scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
-        proven = [f"Certificate: {numbers}.", certificate.text, scope]
     lines = [
         f"Policy {label} of {policy.joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
@@ -201,11 +199,21 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
         f"observation: {parts}; {policy.joints} numbers each, in this order, measured and asked for at the same "
         "instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
-        *proven,
+        *certificate_lines(policy),
         f"Made from: {program.source}.",
     ]
     # No text ends the comment, or holds letters beyond ASCII.
     return [line.replace("*/", "* /").encode("ascii", "replace").decode() for line in lines]
+
+
+def certificate_lines(policy: Policy) -> list[str]:
+    """Return what is proven of a policy, in sentences."""
+    certificate = default_certificate(policy)
+    if certificate is None:
+        return ["Certificate: none."]
+    numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
+    scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
+    return [f"Certificate: {numbers}.", certificate.text, scope]
 
 
 def _vectors(policy: Policy, law: Policy | _CompiledLaw) -> str:

@@ -21,7 +21,7 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export._c_text import LAW, Recorded, Unsupported, _helper_text, _literal_of, program_of
-from fuzzyarm.export.c_files import _FLAGS as FLAGS
+from fuzzyarm.export.c_files import FLAGS
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
 from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -76,7 +76,7 @@ def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
     np.testing.assert_array_equal(own[:, 0], torque)
     doubled, _ = answers(policy, seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
     assert np.abs(doubled[:, 0] - torque).max() > 1e-6
-    monkeypatch.setattr("fuzzyarm.export.c_files._compilers", lambda: [])
+    monkeypatch.setattr("fuzzyarm.export.c_files.compilers", lambda: [])
     assert export_c("law", policy, tmp_path, "float") == [header, source]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
-from fuzzyarm.export.c_files import _compilers as compilers
+from fuzzyarm.export.c_files import compilers
 from fuzzyarm.export.c_files import _random_observations as random_observations
 from fuzzyarm.export.c_files import export_c
 
