@@ -16,11 +16,12 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Write a policy as C99 source, with a header and test vectors, as ONNX, or a policy or the plant as an FMI 2.0 FMU.
+    """Write a policy as C99 source, with a header and test vectors, or as ONNX, or a policy or the plant as an FMU.
 
     The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates
-    nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the
-    same source, which the host compiles.
+    nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation by FMI 2.0; it
+    holds the same source, and where there is a C compiler, the library for this machine. An ONNX file holds the same
+    operations for many arms at once, with the memory as an input and an output.
     """
 
     what: Annotated[str, Parameter(name="", metavar="c|fmu|onnx")]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import json
 import re
 import shutil
 import subprocess
@@ -25,7 +27,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "FLAGS", "UNITS", "c_name", "certificate_lines", "compilers", "export_c", "sources_of",
+    "COSTS", "FLAGS", "UNITS", "c_name", "certificate_lines", "compilers", "digest_of", "export_c", "sources_of",
 ]  # fmt: skip
 
 
@@ -173,7 +175,7 @@ def sources_of(label: str, policy: Policy, number: str, *, limits_given: bool = 
         source = program.source_text(name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
-    about = _about_policy(name, label, policy, program)
+    about = [*_about_policy(name, label, policy, program), _cost_line(label, number, digest_of(source, name))]
     return {f"{name}.h": program.header_text(name, about, number), f"{name}.c": source}
 
 
@@ -191,11 +193,11 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
         f"Policy {label} of {policy.joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
         "torques in between. The first call after _init takes the arm as it is measured then.",
-        f"{name}_step returns 0; 1 where a number of the observation is not finite or beyond {LARGEST:g} (a sensor drops "
-        "out): the last torques hold, 0 at first, and the memory stays; 2 where the torques would not be finite: the "
-        "last ones hold, and the memory begins again. Decide after how many of these in a row the arm has to stop.",
-        "A missed call is not made up for: it is a call that returns 1. A sensor that jumps within that range is acted "
-        "on like a motion, and the torques stay within their limits.",
+        f"{name}_step returns 0; 1 where a number of the observation is not finite or beyond +-{LARGEST:g} (a sensor "
+        "drops out): the last torques hold, 0 at first, and the memory stays; 2 where the torques would not be finite: "
+        "the last ones hold, and the memory begins again. Decide after how many of these in a row the arm has to stop.",
+        "A missed call has the effect of a call that returns 1; the law does not make up for it. A jump of a sensor "
+        "within that range is acted on like a motion, with torques within the limits.",
         f"observation: {parts}; {policy.joints} numbers each, in this order, measured and asked for at the same "
         "instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
@@ -204,6 +206,31 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
     ]
     # No text ends the comment, or holds letters beyond ASCII.
     return [line.replace("*/", "* /").encode("ascii", "replace").decode() for line in lines]
+
+
+COSTS = Path(__file__).with_name("cortex_m.json")
+"""What shipped laws cost on microcontrollers, made by benchmarks/exported_c.py."""
+
+
+def digest_of(source: str, name: str) -> str:
+    """Return the digest of the source of a law, whatever its name."""
+    return hashlib.sha256(source.replace(name, "law").encode()).hexdigest()
+
+
+def _cost_line(label: str, number: str, digest: str) -> str:
+    """Return the sentence on the cost of a law; it is stated of the very source that was measured."""
+    found = json.loads(COSTS.read_text(encoding="utf-8"))
+    rows = {core: row for core, row in found["laws"].get(label, {}).items() if row["sha256"] == digest}
+    if not rows:
+        return "Cost: not measured; benchmarks/exported_c.py of the repository measures it on Cortex-M."
+    costs = [
+        "{core}: {flash} bytes of flash, {stack} of stack, {state} of state, {mean} instructions a call on average and "
+        "{largest} at most in {calls} calls".format(core=core.removesuffix(f" {number}"), **row)
+        for core, row in rows.items()
+    ]
+    return (
+        f"Cost, measured with {found['made']}: {'; '.join(costs)}. Library routines of the compiler are not in flash."
+    )
 
 
 def certificate_lines(policy: Policy) -> list[str]:

@@ -93,6 +93,7 @@ static int place_(@real@ x, int last)
 }
 
 /* @@ guard */
+    /* A sensor drops out: the last torques hold. */
     for (int k = 0; k < @inputs@; k++) {
         if (!((observation[k] >= -@most@) && (observation[k] <= @most@))) {
             for (int j = 0; j < @results@; j++) {
@@ -103,6 +104,7 @@ static int place_(@real@ x, int last)
     }
 
 /* @@ hold */
+    /* A result that is not finite is not applied, and the memory begins again. */
     for (int k = 0; k < @results@; k++) {
         if ((torque[k] - torque[k]) != @zero@) {
             for (int j = 0; j < @results@; j++) {

@@ -158,7 +158,9 @@ class _Graph:
     def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
         """Return the name of the output of an operator, which is written once for the same inputs."""
         if len(self._nodes) >= _MOST:
-            raise Unsupported(f"it takes more than {_MOST:,} operations with its loops unrolled; as C it can be written")
+            raise Unsupported(
+                f"it takes more than {_MOST:,} operations with its loops unrolled; as C it can be written"
+            )
         return self._nodes.setdefault((operator, inputs, tuple(attributes.items())), f"n{len(self._nodes)}")
 
     def _name(self, number: Any) -> str:
@@ -175,17 +177,17 @@ class _Graph:
         self._parts[name] = [f"{name}_{k}" for k in range(count)]
         return self._parts[name]
 
-    def _needed(self, names: set[str]) -> Iterable[Any]:
+    def _needed(self, names: set[str]) -> list[Any]:
         """Return the nodes from which numbers are computed, in order; their inputs are added to `names`."""
         from onnx import helper
 
-        nodes = []
+        nodes = list[Any]()
         for (operator, inputs, attributes), name in reversed(self._nodes.items()):
             outputs = self._parts.get(name, [name])
             if names.intersection(outputs):
                 names.update(inputs)
                 nodes.append(helper.make_node(operator, inputs, outputs, **dict(attributes)))
-        return reversed(nodes)
+        return nodes[::-1]
 
 
 class _Run:

@@ -21,9 +21,8 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export._c_text import LAW, Recorded, Unsupported, _helper_text, _literal_of, program_of
-from fuzzyarm.export.c_files import FLAGS
+from fuzzyarm.export.c_files import FLAGS, export_c
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
-from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
