@@ -1,4 +1,4 @@
-"""What exported laws cost on Cortex-M: the count is that of QEMU, and headers state what was measured of this source."""
+"""What exported laws cost on Cortex-M: QEMU counts it, and headers state what was measured of their source."""
 
 import json
 import shutil
@@ -36,7 +36,7 @@ def test_qemu_counts_instructions_and_gives_the_bits_of_the_policy(module, tmp_p
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], LAWS))
 def test_headers_state_what_was_measured_of_the_very_source(name):
     for number in {core.rpartition(" ")[2] for core in LAWS[name]}:
-        header, source = sources_of(name, load_policy(name), number).values()
+        header, _ = sources_of(name, load_policy(name), number).values()
         stated = " ".join(header.replace("\n *", " ").split())
         for core, row in LAWS[name].items():
             if core.endswith(number):

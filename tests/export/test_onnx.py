@@ -9,12 +9,15 @@ from fuzzyarm import load_policy
 from fuzzyarm.export._c_text import LAW, Recorded
 from fuzzyarm.export.onnx_file import _Graph as Graph
 from fuzzyarm.export.onnx_file import export_onnx
+from fuzzyarm.numbers.functions import array, each, entry, number, only, repeat, row, select, when
 
 ort = pytest.importorskip("onnxruntime")
 
 
 def session(file):
-    return ort.InferenceSession(str(file), providers=["CPUExecutionProvider"])
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 1  # operations are short
+    return ort.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
 
 
 def first_memory(model, lanes):
@@ -41,8 +44,6 @@ def test_onnxruntime_gives_the_bits_of_the_policy(name, tmp_path):
 
 
 def branching(x, flag, table):
-    from fuzzyarm.numbers.functions import array, each, entry, number, only, repeat, row, select, when
-
     y = array(3)
     for k in each(3):
         y[k] = x * number(k)
@@ -52,10 +53,13 @@ def branching(x, flag, table):
     return select((kept > x) | (x != flag), y[0] + y[2], np.floor(kept) * entry(table, x, 0) + (flag <= x))
 
 
-@pytest.mark.parametrize("table", [np.array([[1.0, -2.0], [0.5, 3.0], [-7.0, 4.0]])])
-def test_branches_loops_and_tables_are_those_of_python(table, monkeypatch, tmp_path):
+def test_branches_loops_and_tables_are_those_of_python(tmp_path):
     """The graph of a function that is not a law, written as one, whose lanes decide differently."""
-    step = lambda given, memory, *tables: (memory, (branching(*given, *tables),))  # noqa: E731
+
+    def step(given, memory, *tables):
+        return memory, (branching(*given, *tables),)
+
+    table = np.array([[1.0, -2.0], [0.5, 3.0], [-7.0, 4.0]])
     program = Recorded(step, (["x", "flag"], (0.0, 0.0)), (), 1, LAW, "own.law", [table])
     (tmp_path / "own.onnx").write_bytes(Graph().model("own", load_policy("fuzzy-1"), program))
     pairs = np.array([(x, flag) for x in (-2.0, -0.5, 0.5, 1.0, 3.0, 1e5) for flag in (-1.0, -0.0, 1.0, 2.5)])
