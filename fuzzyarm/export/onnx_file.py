@@ -1,7 +1,8 @@
 """A policy as ONNX: observation and memory in, torque and memory out, for any number of lanes, in double precision.
 
 The graph has the operations of the recorded program, from which C is written as well. Loops are unrolled, and a branch
-selects between the numbers of both sides, so that lanes may decide differently.
+selects between the numbers of both sides, so that lanes may decide differently. onnxruntime gives the numbers of the
+policy, except that its Where returns 0 for -0.
 """
 
 from __future__ import annotations
