@@ -1,22 +1,22 @@
-"""Exported C against its policies: bits over a million ticks, the time of a tick, and what float costs.
+"""Exported C against its policies: bits over a million ticks, what a call takes on Cortex-M, and what float costs.
 
     python benchmarks/exported_c.py [--ticks N] [--laws NAME...] [--json FILE]
 
-Half of the ticks are random states, see `fuzzyarm.export.c_files`, the other half closed loops: arms with random
-masses, friction, stiffness, payloads and starts (the package's ranges "robust") that the policy leads along the paper's
-circle. The torques of C and of Python are compared as 64 bits, and so is what both remember at the end, with every
-compiler that is there. The time of a tick is that of a call in a loop of 1000, for 300 such loops, beside that of
-`predict` of one arm. With float, a call from the same memory is compared, in the first 300 calls of the closed loops,
-and the nominal case is run with the float law in it.
-Twenty minutes, most of them for adaptive-observer. With --laws only these are assessed, and in FILE only their rows are
-replaced; each row says at which commit it was measured.
+Half of the ticks are random states, see `fuzzyarm.export.c_files`, the other half closed loops of arms of the ranges
+"robust" along the paper's circle. Torques and the last memories of C and Python are compared as 64 bits. A part of the
+ticks runs on a Cortex-M7 and a Cortex-M4F of QEMU, which counts instructions and the stack of the deepest call
+(``cortex_m.c``). With float, 300 calls of closed loops are compared, each from the same memory. Half an hour; with
+--laws only these rows of FILE are replaced. With FILE, ``fuzzyarm/export/cortex_m.json`` is written, for headers.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
+import shutil
 import subprocess
 import tempfile
-import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,22 +24,29 @@ import numpy as np
 from measuring import options_of, printed, write_rows
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.export.c_files import COSTS, compilers, digest_of, export_c
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
-from fuzzyarm.export.c_files import _compilers as compilers
 from fuzzyarm.export.c_files import _random_observations as random_observations
-from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 LAWS = (
     *("fuzzy-4", "fuzzy-32", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer"),
     *("adaptive-observer", "ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"),
 )
-LANES, LOOP, LOOPS, FLOAT_CALLS = 250, 1000, 300, 300
+LANES, FLOAT_CALLS = 250, 300
+CORES = {
+    "Cortex-M7": ("mps2-an500", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), (13, None)),
+    "Cortex-M4F": ("mps2-an386", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), (1, 500)),
+}
+"""By core QEMU's machine, the compiler's flags, and how many lanes and calls of each run on it."""
+Sets = dict[str, tuple[np.ndarray, np.ndarray]]
+GCC = (
+    *("arm-none-eabi-gcc", "-std=gnu99", "-O2", "-mthumb", "-mfloat-abi=hard", "-ffp-contract=off", "-nostartfiles"),
+    *("-Wl,-e,run,--section-start=.vectors=0,-Ttext=0x400,-Tdata=0x20000000,-Tbss=0x20200000",),
+)
+QEMU = ("qemu-system-arm", "-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=6")
 
 
 def random_ticks(policy: Policy, ticks: int) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +59,7 @@ def random_ticks(policy: Policy, ticks: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def loop_ticks(policy: Policy, ticks: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same of closed loops."""
+    """Return observations and starts of closed loops."""
     envs = FuzzyArmVectorEnv(LANES, randomisation="robust")
     observation, _ = envs.reset(seed=0)
     seen, starts, state, begins = [], [], None, np.ones(LANES, dtype=bool)
@@ -79,26 +86,43 @@ def differing(first: np.ndarray, second: np.ndarray) -> int:
     return int(np.count_nonzero(first.view(np.int64) != second.view(np.int64)))
 
 
-def seconds_per_tick(law: CompiledLaw, seen: np.ndarray) -> list[float]:
-    """Return the mean times of a tick in each loop [s]."""
-    starts, times = np.zeros((LOOP, 1), dtype=bool), []
-    starts[0] = True
-    chosen = np.resize(seen[:, 0], (LOOP, 1, seen.shape[-1]))
-    for _ in range(LOOPS):
-        begin = time.perf_counter()
-        law.run(chosen, starts)
-        times.append((time.perf_counter() - begin) / LOOP)
-    return times
+def on_core(core: str, number: str, policy: Policy, folder: Path, calls: np.ndarray) -> tuple[dict[str, Any], Any]:
+    """Return the cost of a law on one of `CORES`, and its torques (calls, n) [N m]; `calls` as in ``cortex_m.c``."""
+    (machine, flags, _), kind, joints = CORES[core], {"double": np.float64, "float": np.float32}[number], policy.joints
+    (aside := folder / f"{core}-{number}").mkdir()
+    source = export_c("law", policy, aside, number)[1]
+    calls.astype(kind).tofile(aside / "calls.bin")
+    words = [*GCC, *flags, f"-DREAL={number}", f"-DINPUTS={5 * joints}", f"-DJOINTS={joints}", f"-I{aside}"]
+    said([*words, "-c", str(source)], aside)
+    said([*words, str(Path(__file__).with_name("cortex_m.c")), "law.o", "-o", "law.elf"], aside)
+    said([*QEMU, "-M", machine, "-kernel", "law.elf"], aside)
+    *found, last = np.fromfile(aside / "found.bin", dtype=kind).reshape(-1, joints + 2).astype(float)
+    torque, status, counted = np.split(np.array(found), [joints, joints + 1], axis=1)
+    assert len(counted) == len(calls) and not status.any()
+    (flash, *_), (_, _, state, *_) = map(str.split, said(["arm-none-eabi-size", "law.o", "law.elf"], aside)[1:])
+    row = {"sha256": digest_of(source.read_text(encoding="utf-8"), "law"), "calls": len(calls)}
+    row |= {"flash": int(flash), "stack": int(last[-1]), "state": int(state)}
+    row |= {"mean": round(counted.mean()), "largest": int(counted.max())}
+    return row, torque
 
 
-def python_seconds(policy: Policy, seen: np.ndarray) -> float:
-    """Return the median time of `predict` for one arm [s]."""
-    state, times = None, []
-    for observation in seen[:LOOP, 0]:
-        begin = time.perf_counter()
-        _, state = policy.predict(observation, state)
-        times.append(time.perf_counter() - begin)
-    return float(np.median(times))
+def cortex(policy: Policy, folder: Path, sets: Sets, expected: Sets) -> dict[str, Any]:
+    """Return the cost of a law by core and type of its numbers."""
+    costs: dict[str, Any] = {}
+    for core, (*_, (lanes, most)) in CORES.items():
+        parts = [[part[:most, :lanes].swapaxes(0, 1) for part in pair] for pair in sets.values()]
+        calls = np.concatenate([np.dstack([starts, seen]) for seen, starts in parts]).reshape(-1, 1 + 5 * policy.joints)
+        torques = np.concatenate([one[:most, :lanes].swapaxes(0, 1) for one, _ in expected.values()])
+        costs[f"{core} double"], found = on_core(core, "double", policy, folder, calls)
+        costs[f"{core} double"]["differing"] = differing(found.copy(), torques.reshape(found.shape))
+        with contextlib.suppress(ValueError):  # of no use in float
+            costs[f"{core} float"], _ = on_core(core, "float", policy, folder, calls)
+    return costs
+
+
+def said(words: Sequence[str], folder: Path | None = None) -> list[str]:
+    """Return the lines that a command prints."""
+    return subprocess.run(words, check=True, stdout=-1, text=True, stdin=-3, cwd=folder).stdout.splitlines()
 
 
 def assess(name: str, ticks: int) -> dict[str, Any]:
@@ -106,35 +130,22 @@ def assess(name: str, ticks: int) -> dict[str, Any]:
     policy = load_policy(name)
     sets = {"random": random_ticks(policy, ticks // 2), "closed loop": loop_ticks(policy, ticks // 2)}
     expected = {key: answers(policy, *pair) for key, pair in sets.items()}
-    row: dict[str, Any] = {"law": name, "commit": current_provenance()["commit"], "ticks": 0}
-    row |= {"differing": {}, "nanoseconds": {}}
-    loop = sets["closed loop"]
-    with tempfile.TemporaryDirectory() as folder:
+    row: dict[str, Any] = {"law": name, "commit": current_provenance()["commit"], "differing": 0}
+    row["ticks"] = sum(starts.size for _, starts in sets.values())
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
         for compiler in compilers():
-            _, source, _ = export_c(name, policy, Path(folder))
+            _, source, _ = export_c(name, policy, folder)
             law = CompiledLaw(source, policy.joints, policy.memory_size, "double", compiler)
-            row["differing"][compiler] = 0
             for key, pair in sets.items():
-                found = law.run(*pair)
-                row["differing"][compiler] += sum(map(differing, found, expected[key]))
-            times = 1e9 * np.array(seconds_per_tick(law, loop[0]))
-            p5, median, p95, most = np.percentile(times, (5, 50, 95, 100)).tolist()
-            row["nanoseconds"][compiler] = {"p5": p5, "median": median, "p95": p95, "max": most}
-        row["ticks"] = sum(starts.size for _, starts in sets.values())
-        row["at_limit"] = float(np.mean([(np.abs(t) >= [500.0, 250.0]).any(-1).mean() for t, _ in expected.values()]))
-        row["python_nanoseconds"] = 1e9 * python_seconds(policy, loop[0])
-        try:
-            (aside := Path(folder) / "float").mkdir()
-            _, source, _ = export_c(name, policy, aside, "float")
-        except ValueError as refusal:  # of no use in float
-            print(refusal)
-            return row | {"float": None}
-        single = CompiledLaw(source, policy.joints, policy.memory_size, "float", compilers()[0])
-        error = float_errors(policy, single, *loop)
-        row["float"] = {"torque_rms": float(np.sqrt(np.mean(error**2))), "torque_max": float(error.max())}
-        for key, one in (("tip_double_mm", policy), ("tip_float_mm", single)):
-            values = metrics_of(record_rollout(FuzzyArmEnv(), one, policy_name=name, case="nominal", seed=0))
-            row["float"][key] = values["tip_error_max_mm"]
+                row["differing"] += sum(map(differing, law.run(*pair), expected[key]))
+        row["cortex"] = cortex(policy, folder, sets, expected)
+        row["float"] = None
+        if "Cortex-M7 float" in row["cortex"]:
+            _, source, _ = export_c("single", policy, folder, "float")
+            single = CompiledLaw(source, policy.joints, policy.memory_size, "float", compilers()[0])
+            error = float_errors(policy, single, *sets["closed loop"])
+            row["float"] = {"torque_rms": float(np.sqrt(np.mean(error**2))), "torque_max": float(error.max())}
     return row
 
 
@@ -152,20 +163,18 @@ def main() -> None:
     """Assess all laws, print and optionally write."""
     parser = options_of(__doc__)
     parser.add_argument("--ticks", type=int, default=1_000_000, metavar="N", help="ticks of each law")
-    parser.add_argument("--laws", nargs="+", choices=LAWS, default=LAWS, help="which (default: all)")
+    parser.add_argument("--laws", nargs="+", default=LAWS, metavar="NAME", help="which; any policy (default: LAWS)")
     options = parser.parse_args()
-    if not compilers():
-        parser.error("there is no C compiler: install gcc or clang")
+    if missing := [one for one in (GCC[0], QEMU[0]) if not shutil.which(one)]:
+        parser.error(f"there is no {missing[0]}: apt install gcc gcc-arm-none-eabi qemu-system-arm")
     rows = printed(assess(name, options.ticks) for name in options.laws)
-    write_rows(options.json, "exported_c.py", rows, LAWS, lambda row: row["law"], compilers=versions())
-
-
-def versions() -> dict[str, str]:
-    """Return the first line of what each compiler says of itself."""
-    return {
-        name: subprocess.run([name, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
-        for name in compilers()
-    }
+    made = {name: said([name, "--version"])[0] for name in (*compilers(), GCC[0], QEMU[0])}
+    write_rows(options.json, "exported_c.py", rows, LAWS, lambda row: row["law"], compilers=made)
+    if options.json:
+        found = json.loads(options.json.read_text(encoding="utf-8"))
+        versions = f"{found['compilers'][GCC[0]]}, -O2; {found['compilers'][QEMU[0]]}"
+        costs = {"made": versions, "laws": {row["law"]: row["cortex"] for row in found["rows"]}}
+        COSTS.write_text(json.dumps(costs, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

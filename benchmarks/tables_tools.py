@@ -44,30 +44,17 @@ def _of_identified(document: dict[str, Any]) -> str:
     )
 
 
-def _in_float(row: dict[str, Any], form: str, otherwise: str) -> str:
-    return form.format(**row["float"]) if row["float"] else otherwise
+_FLOAT = "float: torque off, rms / max [N m]"
 
 
-def _exported(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the columns of the exported C: bits, times and what float costs."""
-    return {
-        "law": "{law}",
-        "ticks": "{ticks:,}",
-        "numbers that differ": lambda row: ", ".join(str(row["differing"][name]) for name in document["compilers"]),
-        **{
-            f"{name}, ns a tick: median (5 to 95 %)": lambda row, name=name: (
-                "{median:.0f} ({p5:.0f} to {p95:.0f})".format(**row["nanoseconds"][name])
-            )
-            for name in document["compilers"]
-        },
-        "`predict` [ns]": "{python_nanoseconds:.0f}",
-        "float: torque off, rms / max [N m]": lambda row: _in_float(
-            row, "{torque_rms:.2g} / {torque_max:.2g}", "refused"
-        ),
-        "float: largest tip error, not double's [mm]": lambda row: _in_float(
-            row, "{tip_float_mm:.3g}, not {tip_double_mm:.3g}", ""
-        ),
-    }
+def _in_float(row: dict[str, Any]) -> str:
+    return "{torque_rms:.2g} / {torque_max:.2g}".format(**row["float"]) if row["float"] else "refused"
+
+
+def _costs(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a row for each law, core and type of numbers."""
+    pairs = [(row["law"], *pair) for row in document["rows"] for pair in row["cortex"].items()]
+    return [{"law": law, "core": core, "differing": "-", **cost} for law, core, cost in pairs]
 
 
 def _of_speed(bench: dict[str, Any], mujoco: dict[str, Any], soak: dict[str, Any]) -> str:
@@ -127,7 +114,17 @@ def _spread(name: str, form: str) -> Callable[[dict[str, Any]], str]:
 TOOLS = {
     "exported-c": Section(
         "exported_c",
-        Table(_exported),
+        (
+            Table(
+                {
+                    **{"law": "{law}", "core": "{core}", "flash [bytes]": "{flash:,}", "stack [bytes]": "{stack:,}"},
+                    **{"state [bytes]": "{state:,}", "instructions, mean": "{mean:,}", "largest": "{largest:,}"},
+                    **{"calls": "{calls:,}", "torques that differ": "{differing}"},
+                },
+                _costs,
+            ),
+            Table({"law": "{law}", "ticks": "{ticks:,}", "numbers that differ": "{differing}", _FLOAT: _in_float}),
+        ),
         lambda document: f"`{document['command']}`; {', '.join(document['compilers'].values())}",
     ),
     "identification": Section("identification", _identified, _of_identified),

@@ -1,4 +1,4 @@
-"""`fuzzyarm export`: write a policy as C source, or a policy or the plant as an FMU."""
+"""`fuzzyarm export`: write a policy as C source or as ONNX, or a policy or the plant as an FMU."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Write a policy as C99 source, with a header and test vectors, or a policy or the plant as an FMI 2.0 FMU.
+    """Write a policy as C99 source, with a header and test vectors, or as ONNX, or a policy or the plant as an FMU.
 
     The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates
-    nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the
-    same source, which the host compiles.
+    nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation by FMI 2.0; it
+    holds the same source, and where there is a C compiler, the library for this machine. An ONNX file holds the same
+    operations for many arms at once, with the memory as an input and an output.
     """
 
-    what: Annotated[str, Parameter(name="", metavar="c|fmu")]
-    """What is written: c (source) or fmu (functional mock-up unit)"""
+    what: Annotated[str, Parameter(name="", metavar="c|fmu|onnx")]
+    """What is written: c (source), fmu (functional mock-up unit) or onnx (law and memory, needs the extra onnx)"""
     policy: Annotated[str, Parameter(metavar="NAME|FILE")]
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, a learned policy, or a controller
     file (.json, .json-tip); after fmu also plant, the arm itself"""
@@ -43,19 +44,22 @@ class Options:
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.export.c_files import export_c
         from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
+        from fuzzyarm.export.onnx_file import export_onnx
         from fuzzyarm.policies import resolve
 
-        if self.what not in ("c", "fmu"):
-            raise UsageError(f"{self.what} is not an export language; choose from: c, fmu")
-        if self.what == "fmu" and self.number != "double":
-            raise UsageError(f"--number {self.number} is for C source; an FMU computes in double")
+        if self.what not in ("c", "fmu", "onnx"):
+            raise UsageError(f"{self.what} is not an export language; choose from: c, fmu, onnx")
+        if self.what != "c" and self.number != "double":
+            raise UsageError(f"--number {self.number} is for C source; {self.what} computes in double")
         fmu, label = self.what == "fmu", self.policy
         if fmu and label == PLANT:
             arm = chosen_arm(self.robot, None)
         else:
             policy, label = loaded(label, self.robot), resolve(label).label
         with claimed_folder(self.out):
-            if not fmu:
+            if self.what == "onnx":
+                files = [export_onnx(label, policy, self.out)]
+            elif not fmu:
                 files = export_c(label, policy, self.out, self.number)
             elif self.policy == PLANT:
                 files = [export_plant_fmu(arm, self.out)]

@@ -14,7 +14,7 @@ import math
 import re
 import textwrap
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,17 +27,21 @@ from fuzzyarm.numbers.functions import flat, like
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol
 
-__all__ = ["LAW", "MODEL", "Recorded", "Unsupported", "program_of"]
+__all__ = ["LARGEST", "LAW", "MODEL", "Recorded", "Unsupported", "program_of"]
 
 
 class Unsupported(ValueError):
     """A law uses something that cannot be exported; the message says what, and where."""
 
 
+_LARGE = 16  # numbers of an array that lies in the state; a compiler keeps smaller ones in registers
 _LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
 """Names in C of the input and output arrays of a step: those of a law, and those of a co-simulation model."""
+
+LARGEST = 1e6
+"""Largest number of an observation that a law acts on: sine and cosine lose their digits beyond."""
 
 
 class _Function(NamedTuple):
@@ -126,6 +130,13 @@ class Recorded(_Program):
         except TypeError as error:
             raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
 
+    @functools.cached_property
+    def large(self) -> dict[str, int]:
+        """Names and sizes of the arrays that lie in the state, not on the stack."""
+        read = _Uses(self, self.outputs).read
+        sizes = {f"array{k}": size for k, size in enumerate(self.arrays)}
+        return {array: size for array, size in sizes.items() if size >= _LARGE and array in read}
+
     def source_text(self, name: str, real: str) -> str:
         """Return the C source; names in it begin with `name`, numbers are of type `real`, "double" or "float".
 
@@ -140,14 +151,20 @@ class Recorded(_Program):
         tables = [_table(number, self.contents[number], real) for number in sorted(writer.tables)]
         words = [word for word in ("state", self.words[0]) if not re.search(rf"\b{word}(\[|->)", "\n".join(lines))]
         unused = [f"{_INDENT}(void){word};" for word in words]
-        start = f"""void {name}_init({name}_state *state)
-{{
-    for (int k = 0; k < {max(self.ports[0], 1)}; k++) {{
-        state->memory[k] = {zero};
-    }}
-}}
-"""
-        step = "\n".join([f"void {name}_step({self._arguments(name, real)})", "{", *tables, *unused, *lines, "}", ""])
+        law, sizes = self.words is LAW, map(str, (max(self.ports[0], 1), *self.ports[1:]))
+        marks = dict(zip(("memory", "inputs", "results"), sizes, strict=True)) | {"zero": zero}
+        marks |= {"result": self.words[1], "most": _literal_of(LARGEST, real)}
+        parts = ("guard", "hold", "check", "end")
+        guard, hold, check, end = (_marked(_HELPERS[part], marks).rstrip() for part in parts)
+        body = [guard, *tables, *lines, hold, end] if law else [*tables, *unused, *lines, check, end]
+        start = "\n".join(
+            [
+                f"void {name}_init({name}_state *state)\n{{",
+                *(_zeroed(part, self.ports[port], zero) for part, port in (("memory", 0), ("torque", 2))[: 1 + law]),
+                "}\n",
+            ]
+        )
+        step = "\n".join([self._head(name, real), "{", *body, "}", ""])
         text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
         own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
         return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
@@ -156,6 +173,9 @@ class Recorded(_Program):
         """Return the C header, which begins with the paragraphs `about`; other arguments as for `source_text`."""
         form = textwrap.TextWrapper(110, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
         comment, guard = "\n".join(map(form.fill, about)), f"{name.upper()}_H"
+        members = [("memory", self.ports[0])] + ([("torque", self.ports[2])] if self.words is LAW else [])
+        members += self.large.items()
+        rows = "\n".join(f"{_INDENT}{real} {member}[{max(size, 1)}];" for member, size in members)
         return f"""/*
 {comment}
  */
@@ -167,18 +187,21 @@ class Recorded(_Program):
 #if FLT_EVAL_METHOD != 0
 #error "numbers must be rounded to their type: on x86 compile with -msse2 -mfpmath=sse"
 #endif
+#ifdef __FAST_MATH__
+#error "operations must stay as they are written: compile without -ffast-math"
+#endif
 
 #ifdef __cplusplus
 extern "C" {{
 #endif
 
 typedef struct {{
-    {real} memory[{max(self.ports[0], 1)}];
+{rows}
 }} {name}_state;
 
 void {name}_init({name}_state *state);
 
-void {name}_step({self._arguments(name, real)});
+{self._head(name, real)};
 
 #ifdef __cplusplus
 }}
@@ -187,13 +210,16 @@ void {name}_step({self._arguments(name, real)});
 #endif
 """
 
-    def _arguments(self, name: str, real: str) -> str:
+    def _head(self, name: str, real: str) -> str:
         (given, result), (_, numbers, results) = self.words, self.ports
-        return f"{name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}]"
+        return f"int {name}_step({name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}])"
 
 
-def program_of(policy: Policy) -> Recorded:
-    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C."""
+def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
+    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C.
+
+    With `limits_given`, the torque limits [N m] are the first numbers of the memory.
+    """
     law, joints = law_of(policy), policy.joints
     if law is None:
         raise Unsupported(
@@ -207,10 +233,15 @@ def program_of(policy: Policy) -> Recorded:
     limit = tuple(policy.torque_limit.tolist())
 
     def step(seen: Any, memory: Any, *tables: Any) -> tuple[Any, Any]:
-        return command(memory, seen, (constants, limit), *tables)
+        if not limits_given:
+            return command(memory, seen, (constants, limit), *tables)
+        given, own = memory
+        after, torque = command(own, seen, (constants, given), *tables)
+        return (given, after), torque
 
+    memory = (limit, law.memory) if limits_given else law.memory
     source = f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}"
-    return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
+    return Recorded(step, (names, seen_by(joints)), memory, joints, LAW, source, law.tables)
 
 
 _, *_SECTIONS = re.split(r"\n/\* @@ (\w+) \*/\n", Path(__file__).with_name("functions.c").read_text(encoding="utf-8"))
@@ -235,7 +266,16 @@ def _helper_text(operation: str, real: str) -> str:
         **{name: form.fill(", ".join(map(literal, those))) for name, those in lists.items()},
         **{name: literal(number) for name, number in numbers.items()},
     }
-    return re.sub(r"@(\w+)@", lambda mark: texts[mark[1]], _HELPERS[operation])
+    return _marked(_HELPERS[operation], texts)
+
+
+def _marked(text: str, marks: Mapping[str, str]) -> str:
+    return re.sub(r"@(\w+)@", lambda mark: marks[mark[1]], text)
+
+
+def _zeroed(array: str, size: int, zero: str) -> str:
+    head = f"{_INDENT}for (int k = 0; k < {max(size, 1)}; k++) {{"
+    return f"{head}\n{_INDENT * 2}state->{array}[k] = {zero};\n{_INDENT}}}"
 
 
 _LONGEST = 70  # characters of an operation that stands where it is used
@@ -356,10 +396,11 @@ class _Writer:
         of a text with {} for a number, and the number.
         """
         self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
+        self._large = self._of.large if program is self._of else {}
         lines = [
             f"{_INDENT}{self._real} array{k}[{max(size, 1)}];"
             for k, size in enumerate(program.arrays)
-            if f"array{k}" in self._uses.read
+            if f"array{k}" in self._uses.read - self._large.keys()
         ]
         for own, (name, place) in inputs.items():
             self._texts[own] = name
@@ -496,7 +537,8 @@ class _Writer:
             if not terms:
                 return _literal_of(float(self._of.contents[number].flat[constant]), self._real)
             self.tables.add(number)
-        return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
+        kept = "memory" if memory == "room" else memory
+        return f"{'state->' if memory == 'room' or memory in self._large else ''}{kept}[{_index(constant, terms)}]"
 
     def _text(self, operand: Any, user: Symbol | None = None) -> str:
         if isinstance(operand, Symbol):

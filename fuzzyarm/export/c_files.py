@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import json
 import re
 import shutil
 import subprocess
@@ -17,7 +19,7 @@ from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import bounds_of
-from fuzzyarm.export._c_text import Recorded, Unsupported, program_of
+from fuzzyarm.export._c_text import LARGEST, Recorded, Unsupported, program_of
 from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -25,7 +27,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "UNITS", "c_name", "export_c", "sources_of",
+    "COSTS", "FLAGS", "UNITS", "c_name", "certificate_lines", "compilers", "digest_of", "export_c", "sources_of",
 ]  # fmt: skip
 
 
@@ -52,7 +54,7 @@ def _random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     return seen
 
 
-_FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
 """Compiler options with which an exported law compiles without a warning and gives the bits of its policy."""
 
 _LOOP = """#include <string.h>
@@ -63,13 +65,14 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
     long lane, call;
     for (lane = 0; lane < lanes; lane++) {{
         {name}_state state;
+        {name}_init(&state);
         memcpy(state.memory, memory + lane * {size}, sizeof state.memory);
         for (call = 0; call < calls; call++) {{
             const long at = call * lanes + lane;
             if (starts[at]) {{
                 {name}_init(&state);
             }}
-            {name}_step(&state, seen + at * {inputs}, torque + at * {joints});
+            (void){name}_step(&state, seen + at * {inputs}, torque + at * {joints});
         }}
         memcpy(memory + lane * {size}, state.memory, sizeof state.memory);
     }}
@@ -77,7 +80,7 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
 """
 
 
-def _compilers() -> list[str]:
+def compilers() -> list[str]:
     """Return which of the C compilers gcc and clang this machine has."""
     return [name for name in ("gcc", "clang") if shutil.which(name)]
 
@@ -92,7 +95,7 @@ class _CompiledLaw:
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
         text = _LOOP.format(name=name, real=number, size=memory_size, inputs=PARTS * joints, joints=joints)
         loop.write_text(text, encoding="utf-8")
-        words = [compiler, *_FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
+        words = [compiler, *FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
         subprocess.run(words, check=True, capture_output=True, text=True)
         self._run = ctypes.CDLL(str(library)).run
 
@@ -153,7 +156,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     texts = sources_of(label, policy, number)
     if number == "double":
         texts[f"{name}_vectors.csv"] = _vectors(policy, policy)
-    elif found := _compilers():
+    elif found := compilers():
         with tempfile.TemporaryDirectory() as aside:
             source = write_once(Path(aside), texts)[1]
             law = _CompiledLaw(source, policy.joints, policy.memory_size, number, found[0])
@@ -161,15 +164,18 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     return write_once(Path(folder), texts)
 
 
-def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
-    """Return header and source of a policy by file name; arguments and errors as for `export_c`."""
+def sources_of(label: str, policy: Policy, number: str, *, limits_given: bool = False) -> dict[str, str]:
+    """Return header and source of a policy by file name; arguments and errors as for `export_c`.
+
+    With `limits_given`, the memory begins with the torque limits [N m], which are set after ``_init``.
+    """
     name = c_name(label)
     try:
-        program = program_of(policy)
+        program = program_of(policy, limits_given=limits_given)
         source = program.source_text(name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
-    about = _about_policy(name, label, policy, program)
+    about = [*_about_policy(name, label, policy, program), _cost_line(label, number, digest_of(source, name))]
     return {f"{name}.h": program.header_text(name, about, number), f"{name}.c": source}
 
 
@@ -183,24 +189,58 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
     """Return the comment of a policy's header: use, units, limits and certificate."""
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
-    certificate, proven = default_certificate(policy), ["Certificate: none."]
-    if certificate is not None:
-        numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
-        scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
-        proven = [f"Certificate: {numbers}.", certificate.text, scope]
     lines = [
         f"Policy {label} of {policy.joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
-        "torques in between.",
+        "torques in between. The first call after _init takes the arm as it is measured then.",
+        f"{name}_step returns 0; 1 where a number of the observation is not finite or beyond +-{LARGEST:g} (a sensor "
+        "drops out): the last torques hold, 0 at first, and the memory stays; 2 where the torques would not be finite: "
+        "the last ones hold, and the memory begins again. Decide after how many of these in a row the arm has to stop.",
+        "A missed call has the effect of a call that returns 1; the law does not make up for it. A jump of a sensor "
+        "within that range is acted on like a motion, with torques within the limits.",
         f"observation: {parts}; {policy.joints} numbers each, in this order, measured and asked for at the same "
         "instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
-        "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
-        *proven,
+        *certificate_lines(policy),
         f"Made from: {program.source}.",
     ]
     # No text ends the comment, or holds letters beyond ASCII.
     return [line.replace("*/", "* /").encode("ascii", "replace").decode() for line in lines]
+
+
+COSTS = Path(__file__).with_name("cortex_m.json")
+"""What shipped laws cost on microcontrollers, made by benchmarks/exported_c.py."""
+
+
+def digest_of(source: str, name: str) -> str:
+    """Return the digest of the source of a law, whatever its name."""
+    return hashlib.sha256(source.replace(name, "law").encode()).hexdigest()
+
+
+def _cost_line(label: str, number: str, digest: str) -> str:
+    """Return the sentence on the cost of a law; it is stated of the very source that was measured."""
+    found = json.loads(COSTS.read_text(encoding="utf-8"))
+    rows = {core: row for core, row in found["laws"].get(label, {}).items() if row["sha256"] == digest}
+    if not rows:
+        return "Cost: not measured; benchmarks/exported_c.py of the repository measures it on Cortex-M."
+    costs = [
+        "{core}: {flash} bytes of flash, {stack} of stack, {state} of state, {mean} instructions a call on average and "
+        "{largest} at most in {calls} calls".format(core=core.removesuffix(f" {number}"), **row)
+        for core, row in rows.items()
+    ]
+    return (
+        f"Cost, measured with {found['made']}: {'; '.join(costs)}. Library routines of the compiler are not in flash."
+    )
+
+
+def certificate_lines(policy: Policy) -> list[str]:
+    """Return what is proven of a policy, in sentences."""
+    certificate = default_certificate(policy)
+    if certificate is None:
+        return ["Certificate: none."]
+    numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
+    scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
+    return [f"Certificate: {numbers}.", certificate.text, scope]
 
 
 def _vectors(policy: Policy, law: Policy | _CompiledLaw) -> str:

@@ -56,8 +56,13 @@ typedef struct {
     double given[GIVEN];
     double result[RESULTS];
     int running;
+} Kept; /* what a host may save and restore */
+
+typedef struct {
+    Kept now;
     char name[NAME];
     void (*logger)(fmi2ComponentEnvironment, fmi2String, fmi2Status, fmi2String, fmi2String, ...);
+    void *(*allocate)(size_t, size_t);
     void (*release)(void *);
     fmi2ComponentEnvironment environment;
 } Instance;
@@ -86,11 +91,11 @@ static double *place(Instance *own, fmi2ValueReference vr)
 {
     double *found = NULL;
     if (vr < (fmi2ValueReference)GIVEN) {
-        found = &own->given[vr];
+        found = &own->now.given[vr];
     } else if (vr < (fmi2ValueReference)(GIVEN + SHOWN)) {
-        found = &own->state.memory[vr - GIVEN];
+        found = &own->now.state.memory[vr - GIVEN];
     } else if (vr < (fmi2ValueReference)(GIVEN + SHOWN + RESULTS)) {
-        found = &own->result[vr - GIVEN - SHOWN];
+        found = &own->now.result[vr - GIVEN - SHOWN];
     } else {
         found = NULL;
     }
@@ -105,16 +110,16 @@ static void show(Instance *own)
 static void begin(Instance *own)
 {
     int k;
-    @name@_init(&own->state);
+    @name@_init(&own->now.state);
     for (k = 0; k < GIVEN; k++) {
-        own->given[k] = 0.0;
+        own->now.given[k] = 0.0;
     }
     for (k = 0; k < RESULTS; k++) {
-        own->result[k] = 0.0;
+        own->now.result[k] = 0.0;
     }
 @started@
     show(own);
-    own->running = 0;
+    own->now.running = 0;
 }
 
 OPEN const char *NAMED(fmi2GetTypesPlatform)(void)
@@ -141,6 +146,7 @@ OPEN fmi2Component NAMED(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2St
     memset(&first, 0, sizeof first);
     (void)strncpy(first.name, (name != NULL) ? name : "@name@", (size_t)NAME - 1U); /* the host may reuse its text */
     first.logger = functions->logger;
+    first.allocate = functions->allocateMemory;
     first.release = functions->freeMemory;
     first.environment = functions->componentEnvironment;
     if (type != fmi2CoSimulation) {
@@ -170,7 +176,7 @@ OPEN void NAMED(fmi2FreeInstance)(fmi2Component c)
 OPEN fmi2Status NAMED(fmi2ExitInitializationMode)(fmi2Component c)
 {
     show((Instance *)c);
-    ((Instance *)c)->running = 1;
+    ((Instance *)c)->now.running = 1;
     return fmi2OK;
 }
 
@@ -184,7 +190,7 @@ OPEN fmi2Status NAMED(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[
 {
     Instance *own = (Instance *)c;
     size_t k;
-    if (own->running == 0) {
+    if (own->now.running == 0) {
         show(own);
     }
     for (k = 0; k < nvr; k++) {
@@ -200,7 +206,7 @@ OPEN fmi2Status NAMED(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[
 OPEN fmi2Status NAMED(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[])
 {
     Instance *own = (Instance *)c;
-    const fmi2ValueReference open = (fmi2ValueReference)((own->running != 0) ? GIVEN : (GIVEN + SHOWN));
+    const fmi2ValueReference open = (fmi2ValueReference)((own->now.running != 0) ? GIVEN : (GIVEN + SHOWN));
     size_t k;
     for (k = 0; k < nvr; k++) {
         if (vr[k] >= open) {
@@ -224,18 +230,85 @@ OPEN fmi2Status NAMED(fmi2DoStep)(fmi2Component c, fmi2Real now, fmi2Real size, 
     const double late = ((now < 0.0) ? -now : now) * 4.44e-16;
     const double slack = (late < (0.25 * period)) ? (late + (1e-6 * period)) : (0.25 * period);
     long step;
-    int k;
     (void)keeps;
     if ((steps < 1) || (rest > slack) || (rest < -slack)@single@) {
         return refused(own, "the communication step size of @name@ must be @allowed@");
     }
     for (step = 0; step < steps; step++) {
-        @name@_step(&own->state, own->given, own->result);
-    }
-    for (k = 0; k < RESULTS; k++) {
-        if ((own->result[k] - own->result[k]) != 0.0) {
+        if (@name@_step(&own->now.state, own->now.given, own->now.result) != 0) {
             return refused(own, "an output of @name@ is not finite any more");
         }
     }
+    return fmi2OK;
+}
+
+/* A place for what is saved: the host's own, or a new one. */
+static Kept *saved(Instance *own, fmi2FMUstate *state)
+{
+    if (*state == NULL) {
+        *state = own->allocate(1, sizeof(Kept));
+        if (*state == NULL) {
+            (void)refused(own, "the host has no memory for a state of @name@");
+        }
+    }
+    return (Kept *)*state;
+}
+
+OPEN fmi2Status NAMED(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state)
+{
+    Kept *to = saved((Instance *)c, state);
+    if (to == NULL) {
+        return fmi2Error;
+    }
+    *to = ((Instance *)c)->now;
+    return fmi2OK;
+}
+
+OPEN fmi2Status NAMED(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state)
+{
+    if (state == NULL) {
+        return refused((Instance *)c, "fmi2SetFMUstate without a state: get one first");
+    }
+    ((Instance *)c)->now = *(Kept *)state;
+    return fmi2OK;
+}
+
+OPEN fmi2Status NAMED(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state)
+{
+    if (*state != NULL) {
+        ((Instance *)c)->release(*state);
+        *state = NULL;
+    }
+    return fmi2OK;
+}
+
+OPEN fmi2Status NAMED(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    (void)c;
+    (void)state;
+    *size = sizeof(Kept);
+    return fmi2OK;
+}
+
+OPEN fmi2Status NAMED(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    if ((state == NULL) || (size < sizeof(Kept))) {
+        return refused((Instance *)c, "fmi2SerializeFMUstate needs a state, and room for all its bytes");
+    }
+    (void)memcpy(bytes, state, sizeof(Kept));
+    return fmi2OK;
+}
+
+OPEN fmi2Status NAMED(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    Kept *to;
+    if (size != sizeof(Kept)) {
+        return refused((Instance *)c, "the bytes are not those of a state of @name@");
+    }
+    to = saved((Instance *)c, state);
+    if (to == NULL) {
+        return fmi2Error;
+    }
+    (void)memcpy(to, bytes, sizeof(Kept));
     return fmi2OK;
 }

@@ -1,4 +1,4 @@
-"""A policy or a plant as an FMI 2.0 co-simulation FMU with source: the exported C, and what a host needs around it.
+"""A policy or a plant as an FMI 2.0 co-simulation FMU: the exported C, what a host needs around it, and both compiled.
 
 A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
 its torques hold during it. A step of a plant is a whole number of control periods. A host that steps the controller,
@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import io
 import re
+import subprocess
 import sys
+import tempfile
 import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from fuzzyarm import __version__
@@ -26,7 +28,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.export._c_text import MODEL, Recorded
 from fuzzyarm.export._plant import Plant
-from fuzzyarm.export.c_files import UNITS, c_name, sources_of
+from fuzzyarm.export.c_files import FLAGS, UNITS, c_name, compilers, sources_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu"]
@@ -43,12 +45,6 @@ _KINDS, _PORTS = ("Integer", "Boolean", "String"), "const fmi2ValueReference vr[
 _EXCUSED = {
     **{f"fmi2Get{kind}": f"{_PORTS}fmi2{kind} value[]" for kind in _KINDS},
     **{f"fmi2Set{kind}": f"{_PORTS}const fmi2{kind} value[]" for kind in _KINDS},
-    "fmi2GetFMUstate": "fmi2FMUstate *state",
-    "fmi2SetFMUstate": "fmi2FMUstate state",
-    "fmi2FreeFMUstate": "fmi2FMUstate *state",
-    "fmi2SerializedFMUstateSize": "fmi2FMUstate state, size_t *size",
-    "fmi2SerializeFMUstate": "fmi2FMUstate state, fmi2Byte bytes[], size_t size",
-    "fmi2DeSerializeFMUstate": "const fmi2Byte bytes[], size_t size, fmi2FMUstate *state",
     "fmi2GetDirectionalDerivative": "const fmi2ValueReference unknown[], size_t nUnknown, "
     "const fmi2ValueReference known[], size_t nKnown, const fmi2Real seed[], fmi2Real value[]",
     "fmi2SetRealInputDerivatives": f"{_PORTS}const fmi2Integer order[], const fmi2Real value[]",
@@ -90,6 +86,7 @@ _UNITS = {
     "m": 'm="1"',
     "kg": 'kg="1"',
 }
+_PLATFORMS = {"linux": ("linux64", ".so"), "darwin": ("darwin64", ".dylib"), "win32": ("win64", ".dll")}
 _TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same export gives the same bytes
 
 
@@ -111,8 +108,8 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
     """Write a policy as an FMU, named after its label, into a folder, which must exist; return the file.
 
     Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
-    torques [N m]. ValueError if the policy's source has something that cannot be written in C, or the folder holds
-    another FMU of this name; OSError if the file cannot be written.
+    torques [N m], and parameters their limits, which can be lowered. ValueError if the policy's source has something
+    that cannot be written in C, or the folder holds another FMU of this name; OSError if the file cannot be written.
     """
     joints, name, box = range(1, policy.joints + 1), c_name(label), observation_space([policy.parameters])
     names = [(f"{part}{k}", unit) for part, unit in zip(Observation._fields, UNITS, strict=True) for k in joints]
@@ -120,14 +117,20 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
         _Variable(*named, "input", min(max(0.0, low), high), low, high)
         for named, low, high in zip(names, box.low.tolist(), box.high.tolist(), strict=True)
     ]
-    lines = [f"    own->given[{k}] = {one.start!r};" for k, one in enumerate(variables) if one.start]
+    lines = [f"    own->now.given[{k}] = {one.start!r};" for k, one in enumerate(variables) if one.start]
+    limits = [float(limit) for limit in policy.torque_limit]
+    lines += [f"    own->now.state.memory[{k}] = {limit!r};" for k, limit in enumerate(limits)]
+    variables += [
+        _Variable(f"torque_limit{joint}", "N.m", "parameter", limit, 0.0, limit)
+        for joint, limit in zip(joints, limits, strict=True)
+    ]
     variables += [_Variable(f"torque{joint}", "N.m", "output", 0.0) for joint in joints]
     code = {
-        **{"show": "    (void)own;", "shown": "0", "given": str(len(names)), "results": str(len(joints))},
+        **{"show": "    (void)own;", "shown": str(len(limits)), "given": str(len(names)), "results": str(len(joints))},
         **{"include": "", "started": "\n".join(lines), "single": " || (steps != 1)"},
         **{"period": repr(policy.control_period), "allowed": f"the control period, {policy.control_period!r} s"},
     }
-    return _write(name, sources_of(label, policy, "double"), variables, code, folder)
+    return _write(name, sources_of(label, policy, "double", limits_given=True), variables, code, folder)
 
 
 def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) -> Path:
@@ -166,10 +169,10 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
         ]
         sources[f"{name}.h"] = program.header_text(name, about, "double")
         sources[f"{name}.c"] = program.source_text(name, "double")
-    lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
+    lines = [f"    own->now.state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
     code = {
         "show": "    tip_state none;\n    tip_init(&none);\n"
-        f"    tip_step(&none, &own->state.memory[{plant.joints}], own->result);",
+        f"    (void)tip_step(&none, &own->now.state.memory[{plant.joints}], own->now.result);",
         **{"given": str(len(inputs)), "shown": str(len(shown)), "results": str(len(results))},
         **{"include": '#include "tip.h"', "started": "\n".join(lines), "single": ""},
         **{"period": repr(control_period), "allowed": f"a whole number of control periods of {control_period!r} s"},
@@ -187,6 +190,23 @@ def _start(arm: AnyArm) -> list[float]:
     return [float(number) for part, _ in _PARTS for number in info[part]]
 
 
+def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
+    """Return the library for this machine, by its name in the archive; nothing without a C compiler."""
+    place, found = _PLATFORMS.get(sys.platform), compilers()
+    if not (place and found and sys.maxsize > 2**32):
+        return {}
+    with tempfile.TemporaryDirectory() as aside:
+        files = [Path(aside) / Path(file).name for file in sources]
+        for file, text in zip(files, sources.values(), strict=True):
+            file.write_text(text, encoding="utf-8")
+        library, units = Path(aside) / "library", [str(file) for file in files if file.suffix == ".c"]
+        words = [found[0], *FLAGS, "-shared", "-fPIC", *units, "-o", str(library)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise ValueError(f"{found[0]} does not compile the FMU {name}: {done.stderr.strip().splitlines()[-1:]}")
+        return {f"binaries/{place[0]}/{name}{place[1]}": library.read_bytes()}
+
+
 def _write(
     name: str, sources: dict[str, str], variables: Sequence[_Variable], code: dict[str, str], folder: Path
 ) -> Path:
@@ -196,9 +216,10 @@ def _write(
     code = {**code, "ranges": ",\n".join(ranges)}
     whole = "\n".join([*sources.values(), *map(repr, variables), *code.values()])
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, whole)) + "}"
-    files = {f"sources/{file}": text for file, text in sources.items()}
+    files: dict[str, Any] = {f"sources/{file}": text for file, text in sources.items()}
     files["sources/fmu.c"] = _fmu_source(name, {**code, "guid": guid})
     compiled = [file.removeprefix("sources/") for file in files if file.endswith(".c")]
+    files |= _binary(name, files)
     files["modelDescription.xml"] = _description(name, guid, variables, compiled, code["period"], bool(code["single"]))
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -219,7 +240,8 @@ def _description(
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(name)} guid="{guid}" '
         f'generationTool="fuzzyarm {__version__}" variableNamingConvention="flat" numberOfEventIndicators="0">',
-        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="{str(not fixed).lower()}">',
+        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="{str(not fixed).lower()}" '
+        'canGetAndSetFMUstate="true" canSerializeFMUstate="true">',
         "    <SourceFiles>",
         *(f'      <File name="{file}"/>' for file in files),
         "    </SourceFiles>",

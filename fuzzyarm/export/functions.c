@@ -1,4 +1,5 @@
-/* The functions that exported laws use in place of the math library. @marks@ depend on the type of the numbers. */
+/* The functions that exported laws use in place of the math library, and what surrounds a law. @marks@ depend on the
+type of the numbers and on the law. */
 
 /* @@ rint */
 /* The nearest whole number, the even one of two; exact. */
@@ -90,3 +91,41 @@ static int place_(@real@ x, int last)
 {
     return (x > @zero@) ? ((x < (@real@)last) ? (int)x : last) : 0;
 }
+
+/* @@ guard */
+    /* A sensor drops out: the last torques hold. */
+    for (int k = 0; k < @inputs@; k++) {
+        if (!((observation[k] >= -@most@) && (observation[k] <= @most@))) {
+            for (int j = 0; j < @results@; j++) {
+                torque[j] = state->torque[j];
+            }
+            return 1;
+        }
+    }
+
+/* @@ hold */
+    /* A result that is not finite is not applied, and the memory begins again. */
+    for (int k = 0; k < @results@; k++) {
+        if ((torque[k] - torque[k]) != @zero@) {
+            for (int j = 0; j < @results@; j++) {
+                torque[j] = state->torque[j];
+            }
+            for (int j = 0; j < @memory@; j++) {
+                state->memory[j] = @zero@;
+            }
+            return 2;
+        }
+    }
+    for (int k = 0; k < @results@; k++) {
+        state->torque[k] = torque[k];
+    }
+
+/* @@ check */
+    for (int k = 0; k < @results@; k++) {
+        if ((@result@[k] - @result@[k]) != @zero@) {
+            return 2;
+        }
+    }
+
+/* @@ end */
+    return 0;

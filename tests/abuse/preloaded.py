@@ -17,6 +17,7 @@ for _name in (
     "fuzzyarm.eval.tuning.run",
     "fuzzyarm.export.c_files",
     "fuzzyarm.export.fmu",
+    "fuzzyarm.export.onnx_file",
     "fuzzyarm.identification.result",
     "fuzzyarm.cli.train",
     "fuzzyarm.rl_baselines.training",

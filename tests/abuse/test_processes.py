@@ -50,6 +50,7 @@ COMMANDS = {
     "dataset": ["dataset", "--level", "medium", "--episodes", "1", "--out", "out"],
     "export c": ["export", "c", "fuzzy-1", "--out", "out"],
     "export fmu": ["export", "fmu", "fuzzy-1", "--out", "out"],
+    "export onnx": ["export", "onnx", "fuzzy-1", "--out", "out"],
     "identify": ["identify", "log.csv", "--out", "out/arm.toml", "--figure", "out/figure.png"],
 }  # fmt: skip
 NEW = ("sweep", "train", "tune")  # which want a new folder

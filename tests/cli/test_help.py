@@ -85,7 +85,7 @@ MISTAKES = [
     ("export c plant --out new", "unknown policy 'plant'"),
     ("export c adaptive-observer --number float --out new", "adaptive-observer needs double"),
     ("export fmu plant --robot nobody --out new", "unknown robot 'nobody'"),
-    ("export fmu plant --number float --out new", "--number float is for C source; an FMU computes in"),
+    ("export fmu plant --number float --out new", "--number float is for C source; fmu computes in double"),
     ("show", "NAME|FILE is missing"),
     ("show fuzzy-5", "unknown policy 'fuzzy-5'; did you mean fuzzy-"),
     ("show fuzzy-4 --csv --json", "--csv and --json both choose the form; leave out one"),

@@ -21,9 +21,8 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export._c_text import LAW, Recorded, Unsupported, _helper_text, _literal_of, program_of
-from fuzzyarm.export.c_files import _FLAGS as FLAGS
+from fuzzyarm.export.c_files import FLAGS, export_c
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
-from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
@@ -76,7 +75,7 @@ def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
     np.testing.assert_array_equal(own[:, 0], torque)
     doubled, _ = answers(policy, seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
     assert np.abs(doubled[:, 0] - torque).max() > 1e-6
-    monkeypatch.setattr("fuzzyarm.export.c_files._compilers", lambda: [])
+    monkeypatch.setattr("fuzzyarm.export.c_files.compilers", lambda: [])
     assert export_c("law", policy, tmp_path, "float") == [header, source]
 
 
@@ -229,12 +228,13 @@ def machine(function, tables):
     [(branching, ()), (looped, ()), (called, ()), (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),))],
 )
 def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
-    (tmp_path / "own.h").write_text("typedef struct { double memory[1]; } own_state;\n", encoding="utf-8")
-    (tmp_path / "own.c").write_text(machine(function, tables).source_text("own", "double"), encoding="utf-8")
+    program, state = machine(function, tables), ctypes.create_string_buffer(4096)
+    (tmp_path / "own.h").write_text(program.header_text("own", [], "double"), encoding="utf-8")
+    (tmp_path / "own.c").write_text(program.source_text("own", "double"), encoding="utf-8")
     step = ctypes.CDLL(str(compiled(tmp_path / "own.c", "-shared", "-fPIC"))).own_step
     for x, flag in itertools.product((-2.0, -0.0, 0.5, 1.0, 1.5, 3.0, 1e6), (-1.0, 0.0, 1.0, 2.5)):
         torque = ctypes.c_double()
-        step(None, (ctypes.c_double * 2)(x, flag), ctypes.byref(torque))
+        assert step(state, (ctypes.c_double * 2)(x, flag), ctypes.byref(torque)) == 0
         assert bits(torque.value) == bits(function(x, flag, *tables)), (x, flag)
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
-from fuzzyarm.export.c_files import _compilers as compilers
 from fuzzyarm.export.c_files import _random_observations as random_observations
-from fuzzyarm.export.c_files import export_c
+from fuzzyarm.export.c_files import compilers, export_c
 
 COMPILERS = compilers()
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
