@@ -21,7 +21,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, Feat
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
 
-LANES, STEPS, BATCH, EPOCHS = 512, 32, 2048, 2
+LANES, STEPS, BATCH, EPOCHS = 256, 32, 512, 2
 RATE, GAMMA, LAMBDA, CLIP, WIDTH = 1e-3, 0.98, 0.95, 0.2, 64
 LOG_STD = -0.5  # of the actions, at first
 FEATURES = FeatureDefinition(4, 4, error_scale=5e-3, rate_scale=0.1, integral_scale=5e-4, compression=1.5)

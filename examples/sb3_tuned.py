@@ -21,7 +21,7 @@ from fuzzyarm.rl_baselines.sb3_vec_env import learning_envs
 
 FEATURES = FeatureDefinition(4, 4, error_scale=5e-3, rate_scale=0.1, integral_scale=5e-4, compression=1.5)
 ACTION = ActionDefinition((500.0, 250.0), smoothing_time=0.01)
-SETTINGS = {"n_steps": 32, "batch_size": 2048, "n_epochs": 2, "gamma": 0.98, "policy_kwargs": {"log_std_init": -0.5}}
+SETTINGS = {"n_steps": 32, "batch_size": 512, "n_epochs": 2, "gamma": 0.98, "policy_kwargs": {"log_std_init": -0.5}}
 
 
 def train(seed, seconds, report=None):
@@ -39,7 +39,7 @@ def train(seed, seconds, report=None):
     def rate(_):
         return 1e-3 * max(0.02, 1.0 - times[-1] / seconds)
 
-    envs = learning_envs(512, features=FEATURES, action=ACTION, threads=1)
+    envs = learning_envs(256, features=FEATURES, action=ACTION, threads=1)
     model = PPO("MlpPolicy", envs, learning_rate=rate, seed=seed, device="cpu", **SETTINGS)
     model.learn(10**9, callback=watch)
     layers = [*model.policy.mlp_extractor.policy_net[::2], model.policy.action_net]
