@@ -20,6 +20,7 @@ from measuring import options_of, printed, write
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.proof.invariant_set import invariant_set
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 from support import rigid_loop
@@ -42,7 +43,6 @@ def decay(loop: RigidLoop) -> dict[str, float]:
 
 def gain(loop: RigidLoop) -> dict[str, Any]:
     """Return the largest gains [rad/(N m)] in rollouts and of frozen loops, and the share of the supply used."""
-    alpha, gamma = loop.controller.alpha, loop.controller.gamma
     runs = [disturbed(loop, motion) for motion in (JointReference(), rigid_loop.worst_posture(loop))]
     (library_gain, probe), (worst, _) = (max(run[key] for run in runs) for key in ("library", "worst"))
     return {
@@ -51,8 +51,8 @@ def gain(loop: RigidLoop) -> dict[str, Any]:
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
         "frozen": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega))[0],
-        "frozen_shifted": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega - alpha))[0],
-        "certified": gamma,
+        "frozen_shifted": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega - loop.controller.alpha))[0],
+        "certified": loop.controller.gamma,
     }
 
 
@@ -67,9 +67,11 @@ def disturbed(loop: RigidLoop, motion: Any) -> dict[str, Any]:
 
 
 def assess(name: str) -> dict[str, Any]:
-    """Return the certified, observed and frozen bounds of a shipped controller."""
-    loop = RigidLoop(load_policy(name, allow_unproven=True).controller)
-    return {"decay_per_s": {"certified": loop.controller.alpha, **decay(loop)}, "gain_rad_per_Nm": gain(loop)}
+    """Return the certified, observed and frozen bounds of a shipped controller, and its invariant set."""
+    loop = RigidLoop(load_policy(name).controller)
+    decays, found = {"certified": loop.controller.alpha, **decay(loop)}, invariant_set(loop.controller)
+    sizes = {"level": found.level, "disturbance_Nm": found.disturbance, "start_rad": found.start}
+    return {"decay_per_s": decays, "gain_rad_per_Nm": gain(loop), "invariant_set": sizes}
 
 
 def main() -> None:

@@ -36,7 +36,7 @@ def drawn(truth: ArmParameters, seed: int) -> ArmParameters:
 def found(log: Log, start: ArmParameters, truth: ArmParameters) -> dict[str, Any]:
     """Return estimates, standard errors and the processor time of one log [s]."""
     begin = time.process_time()
-    result = identify(log, start)
+    result = identify([log], start)
     return {
         "value": result.fit.theta.tolist(),
         "error": [None if np.isnan(error) else error for error in result.fit.error.tolist()],

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fuzzyarm.export.sheet import sheet_of
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.ts_model import TSModel
-    from fuzzyarm.identification.log import read_log
+    from fuzzyarm.identification.reading import read_log
     from fuzzyarm.identification.result import identify
     from fuzzyarm.policies import add_policy
     from fuzzyarm.policies.tip_bound import TipClaim, find_bound
@@ -114,7 +114,7 @@ _HOMES = {
         "export.sheet": "sheet_of",
         "fuzzy_policy.controller": "Controller",
         "fuzzy_policy.ts_model": "TSModel",
-        "identification.log": "read_log",
+        "identification.reading": "read_log",
         "identification.result": "identify",
         "policies": "add_policy",
         "policies.tip_bound": "TipClaim find_bound",

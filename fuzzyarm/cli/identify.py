@@ -13,23 +13,38 @@ from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, s
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.identification.conventions import Diagnosis
+    from fuzzyarm.identification.log import Log
 
 __all__ = ["Options"]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Find the parameters of a two-joint arm in a log of its motors, with 95 % intervals.
+    """Find the parameters of a two-joint arm in logs of its motors, with 95 % intervals.
 
     Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. Parameters
     that the log does not determine keep their values from --robot and are listed. With --suggest: write a motion to
     record first.
     """
 
-    log: Annotated[Path | None, Parameter(name="", metavar="LOG")] = None
-    """CSV file with the columns time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2 [s, rad, rad/s, N m];
-    the velocities may be missing"""
+    log: Annotated[tuple[Path, ...], Parameter(name="", metavar="LOG...")] = ()
+    """Logs of one arm, recorded alike: time, angles, torques and perhaps velocities of its joints, in text with columns
+    (CSV and its kind), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3 or folder)"""
     _: KW_ONLY
+    columns: Annotated[str | None, Parameter(metavar="ROLE=NAME,...")] = None
+    """Columns whose names are not understood: time=stamp,q1=shoulder,tau1=load1,..., also by number (q1=2); dq1 is a
+    velocity, topic that of a bag (default: by their names)"""
+    units: Annotated[str | None, Parameter(metavar="KIND=UNIT,...")] = None
+    """Units of time, q, dq and tau, or their sizes in SI units: q=deg,tau=0.12 (default: those of the heading, else s,
+    rad, rad/s, N m)"""
+    gear: Annotated[tuple[float, ...], Parameter(metavar="RATIO", negative="")] = ()
+    """Reduction of the motors if the log is that of the motors' side, for all joints, or repeated for each (default:
+    the log is that of the joints' side)"""
+    delay: Annotated[float, Parameter(metavar="SECONDS")] = 0.0
+    """Time by which the log has torques later than the angles that belong to them"""
+    apply: Annotated[bool, Parameter(negative="")] = False
+    """Read the logs by the conventions that seem likely: units, signs, zeros and order of the joints"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Two-joint arm to start from, a name or a TOML file: lengths, masses and limits are taken from it (default: Table
     1 of the paper)"""
@@ -50,7 +65,7 @@ class Options:
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
-        if (self.log is None) == (self.suggest is None):
+        if bool(self.log) == (self.suggest is not None):
             raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
         output_file(self.out, ".toml")
         output_file(self.figure, ".png", "--figure")
@@ -66,7 +81,7 @@ class Options:
                 f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; allowed: two-joint arms "
                 "given as ArmParameters"
             )
-        return _identify(self, arm, self.log) if self.log is not None else _suggest(self, arm)
+        return _identify(self, arm) if self.log else _suggest(self, arm)
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:
@@ -91,20 +106,67 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
     return 0
 
 
-def _identify(options: Options, start: ArmParameters, path: Path) -> int:
-    from fuzzyarm.identification.log import read_log
+def _pairs(option: str, text: str | None) -> dict[str, str]:
+    """Return the pairs of key=value,key=value; UsageError for another text, or a key that is given twice."""
+    pairs = [pair.partition("=") for pair in text.split(",")] if text is not None else []
+    found = {key.strip(): value.strip() for key, _, value in pairs}
+    if len(found) < len(pairs) or not all(key and value for key, value in found.items()):
+        raise UsageError(f"{option} {text} must be pairs such as q1=NAME,q2=NAME, each key once")
+    return found
+
+
+def _logs(options: Options) -> list[Log]:
+    """Return the logs of all files, in parts where a file has gaps."""
+    from fuzzyarm.identification.reading import read_log
+
+    if len({path.resolve() for path in options.log}) < len(options.log):
+        raise UsageError("a LOG is given twice; each may be given once")
+    columns, units = _pairs("--columns", options.columns), _pairs("--units", options.units)
+    logs: list[Log] = []
+    for path in options.log:
+        logs += read_log(path, columns=columns, units=units, gear=options.gear, delay=options.delay)
+        joints, first = logs[-1].angle.shape[1], logs[0].angle.shape[1]
+        if joints != first:
+            raise ValueError(f"{path} has {joints} joints, {options.log[0]} has {first}; give logs of one arm")
+    return logs
+
+
+def _identify(options: Options, start: ArmParameters) -> int:
+    """Identify an arm from logs; print what was done to them, and the results."""
+    from fuzzyarm.identification.conventions import diagnosed
     from fuzzyarm.identification.result import identify
 
-    log = read_log(path)
-    with progress("steps", None) as advance:
-        found = identify(log, start, advance)
+    logs = _logs(options)
+    if logs[0].angle.shape[1] != 2:
+        raise ValueError(
+            f"{options.log[0]}: it is the log of {logs[0].angle.shape[1]} joints; allowed: two. Choose them with "
+            "--columns q1=NAME,q2=NAME,tau1=NAME,tau2=NAME"
+        )
+    with status("comparing conventions"):
+        doubt = diagnosed(logs, start, options.gear)
+    said = [f"{log.name}: {remark}" for log in logs for remark in log.remarks]
+    if doubt.doubtful:
+        said.append(f"conventions: {doubt.sentence()}. " + ("Read so" if options.apply else "--apply reads them so"))
+    elif options.apply:
+        said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
+    if options.apply:
+        logs = [doubt.reading.applied(log) for log in logs]
+    try:
+        with progress("steps", None) as advance:
+            found = identify(logs, start, advance)
+    except ValueError as error:
+        if not doubt.doubtful or options.apply:
+            raise
+        raise ValueError(f"{error}. But {doubt.sentence()}: --apply reads the logs so") from None
     if options.out is not None:
         found.arm.write_toml(options.out)
     if options.figure is not None:
         found.write_residuals(options.figure)
     if options.json:
-        say_json(found.to_dict())
+        say_json({"reading": said, "conventions": _document(doubt, options.apply)} | found.to_dict())
         return 0
+    for line in said:
+        say(line)
     cells, console = [], output()
     for row in found.rows():
         width = f"{row['high'] - row['value']:.2g}" if row["told"] else "not told"
@@ -123,3 +185,9 @@ def _identify(options: Options, start: ArmParameters, path: Path) -> int:
         if written is not None:
             say(f"written to {written}")
     return 0
+
+
+def _document(doubt: Diagnosis, applied: bool) -> dict[str, object]:
+    rivals = [{"conventions": list(one.words), "misfit": misfit} for one, misfit in doubt.rivals]
+    likely = {"likely": list(doubt.reading.words), "misfit_so": doubt.after, "rivals": rivals * doubt.doubtful}
+    return {"misfit": doubt.misfit, "applied": applied and doubt.doubtful} | likely

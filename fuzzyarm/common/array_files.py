@@ -1,4 +1,4 @@
-"""Reading of NumPy's archives of arrays, ``.npz``, from untrusted files.
+"""Reading of NumPy's arrays, ``.npy``, and archives of them, ``.npz``, from untrusted files.
 
 Before memory is allocated, the sizes stated by the archive are checked against a limit, and the size of each array
 against its header. Arrays hold booleans, integers, real numbers, strings, or records of these; nothing is unpickled.
@@ -14,7 +14,7 @@ import warnings
 import zipfile
 import zlib
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
 import numpy as np
 
@@ -28,7 +28,7 @@ _MOST_COMPRESSED = (
     100  # times smaller than its arrays a file may be; 20 times is seen where a signal is zero throughout
 )
 
-_ENDING = ".npy"
+_ENDING, _MAGIC = ".npy", b"\x93NUMPY"
 _KINDS = "biufU"  # truth values, numbers, texts
 _LARGEST_DIRECTORY = 8 * 2**20  # bytes of the list of members, of which each takes about 50
 _END, _END64 = struct.Struct("<4s4H2LH"), struct.Struct("<4sQ2H2L4Q")  # the last records of a zip archive
@@ -42,7 +42,7 @@ _OF_DAMAGE = (  # what zipfile, zlib, struct and NumPy's reading of a header rai
 
 
 def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name.
+    """Return the arrays of a file by name; a single array has none, "".
 
     Raises:
         DocumentError: the file is not regular, is not an archive of arrays, is damaged, or unpacks to more than
@@ -52,11 +52,20 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
     with open_regular(path) as file:
         try:
             size = file.seek(0, 2)
+            file.seek(0)
+            if file.read(len(_MAGIC)) == _MAGIC:
+                file.seek(0)
+                return {"": _array(file, path.name, min(size, largest))}
             _check_directory(file, size)
             with zipfile.ZipFile(file) as archive:
                 members = archive.infolist()
                 _check_members(members, min(largest, _MOST_COMPRESSED * size) + _SLACK)
-                return {member.filename.removesuffix(_ENDING): _array(archive, member) for member in members}
+                found = {}
+                for member in members:
+                    with archive.open(member) as stream:
+                        array = _array(stream, member.filename, member.file_size)
+                    found[member.filename.removesuffix(_ENDING)] = array
+                return found
         except _OF_DAMAGE as error:
             if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
                 raise
@@ -99,27 +108,26 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
         raise ValueError(f"it unpacks to {total} bytes; allowed for this file: {most}")
 
 
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """Return an array; ValueError unless it has exactly as many bytes as its header states."""
-    with archive.open(member) as stream:
-        if np.lib.format.read_magic(stream) != (1, 0):
-            raise ValueError(f"{member.filename[:40]!r} has another version of the format")
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # about headers of Python 2
-            shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
-        fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
-        if any(field.kind not in _KINDS or field.names is not None for field in fields):
-            raise ValueError(f"arrays of {dtype} are not read"[:160])
-        needed, left = math.prod(shape) * dtype.itemsize, member.file_size - stream.tell()
-        if min(shape, default=0) < 0 or needed != left:
-            raise ValueError(f"{member.filename[:40]!r} has {left} bytes for the shape {shape} of {dtype}"[:160])
-        array = np.empty(shape, dtype, order="F" if by_columns else "C")
-        content = stream.read(needed + 1)  # with the limit: `read()` would unpack more than the stated size
-        if len(content) != needed:
-            raise ValueError(f"{member.filename[:40]!r} unpacks to {len(content)} bytes in place of {needed}")
-        if needed:
-            array.reshape(-1, order="A").view(np.uint8)[:] = np.frombuffer(content, dtype=np.uint8)
-    _check_values(member.filename, array)
+def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
+    """Return an array of a file of a size; ValueError unless it has exactly as many bytes as its header states."""
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError(f"{name[:40]!r} has another version of the format")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # about headers of Python 2
+        shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+    fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
+    if any(field.kind not in _KINDS or field.names is not None for field in fields):
+        raise ValueError(f"arrays of {dtype} are not read"[:160])
+    needed, left = math.prod(shape) * dtype.itemsize, size - stream.tell()
+    if min(shape, default=0) < 0 or needed != left:
+        raise ValueError(f"{name[:40]!r} has {left} bytes for the shape {shape} of {dtype}"[:160])
+    array = np.empty(shape, dtype, order="F" if by_columns else "C")
+    content = stream.read(needed + 1)  # with the limit: `read()` would unpack more than the stated size
+    if len(content) != needed:
+        raise ValueError(f"{name[:40]!r} unpacks to {len(content)} bytes in place of {needed}")
+    if needed:
+        array.reshape(-1, order="A").view(np.uint8)[:] = np.frombuffer(content, dtype=np.uint8)
+    _check_values(name, array)
     return array
 
 

@@ -28,6 +28,7 @@ from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT
 from fuzzyarm.fuzzy_policy.ts_model import PREMISES
+from fuzzyarm.proof.invariant_set import InvariantSet, invariant_set
 from fuzzyarm.proof.policy_certificate import PolicyCertificate, certificate_of
 
 __all__ = ["LawSheet", "certified_numbers", "default_certificate", "sheet_of"]
@@ -53,6 +54,7 @@ class LawSheet:
     quantities: tuple[_Quantity, ...]  # their numbers
     check: tuple[_Quantity, ...]  # one observation and what an implementation must compute from it
     certificate: PolicyCertificate | None  # None where nothing is proven
+    invariant: InvariantSet | None  # from where the arm stays in the certificate's box; None for the ending -tip, too
 
     def to_text(self) -> str:
         """Return the sheet for a person; numbers have ten digits."""
@@ -65,7 +67,8 @@ class LawSheet:
         certificate = self.certificate
         numbers = {} if certificate is None else certified_numbers(certificate)
         lines += ["", "proven of the rigid arm:", "", *(f"  {name} = {value}" for name, value in numbers.items())]
-        return "\n".join([*lines, f"  {'nothing' if certificate is None else certificate.text}"])
+        lines.append(f"  {'nothing' if certificate is None else certificate.text}")
+        return "\n".join(lines if self.invariant is None else [*lines, f"  {self.invariant.statement}"])
 
     def to_csv(self) -> str:
         """Return every number as a row of CSV: quantity, index from 1, unit, value."""
@@ -83,7 +86,8 @@ class LawSheet:
         for part, those in (("quantities", self.quantities), ("check", self.check)):
             sheet[part] = {q.name: {"unit": q.unit, "meaning": q.meaning, "values": q.values.tolist()} for q in those}
         found = self.certificate
-        return sheet | {"certificate": found and {**certified_numbers(found), "scope": found.text}}
+        sheet["certificate"] = found and {**certified_numbers(found), "scope": found.text}
+        return sheet | {"invariant_set": self.invariant and self.invariant._asdict()}
 
 
 _Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # in words, its equations and its numbers
@@ -174,7 +178,8 @@ def sheet_of(name: str, policy: Policy) -> LawSheet:
         _Quantity("memory", "SI", "what is remembered after them", np.asarray(state)),
     )
     certificate = default_certificate(policy)
-    return LawSheet(instance("name", name, str), law, equations, (*common, *quantities), check, certificate)
+    along = None if certificate is None or isinstance(policy, TipPolicy) else invariant_set(certificate.controller)
+    return LawSheet(instance("name", name, str), law, equations, (*common, *quantities), check, certificate, along)
 
 
 def default_certificate(policy: Policy) -> PolicyCertificate | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 
-from fuzzyarm.common.checks import instance
+from fuzzyarm.common.checks import instance, sequence_of
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification._fit import DEVIATIONS, Fit, fit_elastic
@@ -150,11 +150,11 @@ class Identified:
         write_atomically(path, content.getvalue())
 
 
-def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None = None) -> Identified:
+def identify(logs: Sequence[Log], start: ArmParameters, progress: Callable[[], None] | None = None) -> Identified:
     """Return the two-joint arm that fits a log best, with confidence intervals.
 
     Args:
-        log: measurements of the motors.
+        logs: measurements of the motors, one log.
         start: the arm from which the search begins. Lengths, masses, gravity, limits and all parameters that the log
             does not determine keep its values.
         progress: called after each step of the refinement.
@@ -162,6 +162,9 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
     Raises:
         ValueError: the log excites the arm too little, or no arm fits it; the message names the parameter.
     """
+    if len(sequence_of("logs", logs)) > 1:
+        raise ValueError(f"logs has {len(logs)} entries; allowed: one, without a gap")
+    log = logs[0]
     motion = instance("log", log, Log).smoothed()
     rigid = fit_rigid(motion, instance("start", start, ArmParameters))
     if rigid.undetermined:

@@ -29,11 +29,11 @@ from flint import arb, arb_series
 from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
-from fuzzyarm.fuzzy_policy.states import VELOCITY
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.definiteness import exact, rational
 
-__all__ = ["Residual", "feedforward_residual"]
+__all__ = ["Residual", "feedforward_residual", "largest_motion"]
 
 _ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
 _TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
@@ -69,21 +69,34 @@ def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
     for u in model.uncertainties:
         total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, VELOCITY]
     sampled = np.asarray(total.max(axis=0))
-    bound = _Bound(model, reference, sampled).largest()
+    rows = [
+        (0 if u.on == "A" else 1, [[arb(w) for w in row] for row in (exact(u.H).T @ exact(u.W))[VELOCITY]])
+        for u in model.polytope_in(rational).uncertainties
+    ]
+    bound = _Bound(rows, reference, sampled).largest()
     return Residual(sampled, bound if np.isfinite(bound).all() else None)
+
+
+def largest_motion(reference: JointReference) -> np.ndarray | None:
+    """Return bounds (4,) of |q_d| [rad] and |q̇_d| [rad/s] along a circle at every instant; None where none is found.
+
+    They are the search for the residual with one signal a joint, g = q_d or g = q̇_d.
+    """
+    motion, unit = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS)), np.eye(2 * JOINTS)
+    bounds = [
+        _Bound([(0, [[*map(arb, row)] for row in unit[of].tolist()])], reference, np.abs(part).max(axis=0)).largest()
+        for part, of in ((motion.q, POSITION), (motion.dq, VELOCITY))
+    ]
+    return np.concatenate(bounds) if np.isfinite(bounds).all() else None
 
 
 class _Bound:
     """The search over intervals of x = t/T in [0, 1], whose ends are dyadic and so exact."""
 
-    def __init__(self, model: TSModel, reference: JointReference, sampled: np.ndarray) -> None:
-        self.reference = reference
+    def __init__(self, rows: list[tuple[int, list[list[arb]]]], reference: JointReference, sampled: np.ndarray) -> None:
+        self.reference, self.rows = reference, rows  # rows: of each y, its order and w_ij of both joints
         self.duration = arb(float(reference.duration))
         self.attained = [arb(value) for value in sampled.tolist()]  # only says when to stop
-        self.rows = [
-            (0 if u.on == "A" else 1, [[arb(w) for w in row] for row in (exact(u.H).T @ exact(u.W))[VELOCITY]])
-            for u in model.polytope_in(rational).uncertainties
-        ]
 
     def largest(self) -> np.ndarray:
         """Return a bound (2,) [N m] of ρ̄ at all instants, inf where none was found."""

@@ -17,8 +17,8 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 __all__ = [
-    "exact", "inverse", "is_dominant", "is_positive_definite", "largest_growth", "rational", "smallest_eigenvalue",
-    "stated",
+    "exact", "inverse", "is_dominant", "is_positive_definite", "largest_growth", "largest_of_inverse", "rational",
+    "smallest_eigenvalue", "stated",
 ]  # fmt: skip
 
 
@@ -89,14 +89,22 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
     x_1 are the first `size` entries of x; the others are zero at first. c² is a proven upper bound of
     λmax(A_11) λmax((A⁻¹)_11): A_11 < λI, and (A⁻¹)_11 < μI if A > diag(I/μ, 0). For all of A: its condition number.
     """
-    A, first = exact(matrix), exact(np.diag(np.arange(len(matrix)) < size).astype(float))
+    A = exact(matrix)[:size, :size]
+    highest = _proven(np.linalg.eigvalsh(matrix[:size, :size]), lambda x: x * exact(np.eye(size)) - A)
+    return highest * largest_of_inverse(matrix, size)
 
-    def proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
-        tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
-        return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 
-    ends = [np.linalg.eigvalsh(M[:size, :size]) for M in (matrix, np.linalg.pinv(matrix))]
-    return proven(ends[0], lambda x: (x * first - A)[:size, :size]) * proven(ends[1], lambda x: A - first / x)
+def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
+    """Return a proven upper bound of λmax((A⁻¹)_11), the first `size` rows and columns of A⁻¹; inf if none is found."""
+    first = exact(np.diag(np.arange(len(matrix)) < size).astype(float))
+    values = np.linalg.eigvalsh(np.linalg.pinv(matrix)[:size, :size])
+    return _proven(values, lambda x: exact(matrix) - first / x)
+
+
+def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
+    """Return a number slightly above the last of `values` whose `rest` is proven positive definite, or inf."""
+    tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
+    return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 
 
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

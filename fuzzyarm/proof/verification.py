@@ -16,6 +16,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController, load_controller
 from fuzzyarm.proof._residual import Residual, feedforward_residual
 from fuzzyarm.proof.certificate import Certificate, certify
+from fuzzyarm.proof.invariant_set import InvariantSet, invariant_set
 from fuzzyarm.proof.policy_certificate import tip_statement
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 
@@ -35,6 +36,7 @@ class Verification:
     # the feedforward residual; None unless the form is the consistent one, and where the arm does not reach the circle
     residual: Residual | None = None
     tip: str | None = None  # statement for the policy of this file with the ending -tip
+    invariant: InvariantSet | None = None  # from where the arm stays in the box; None where the claims are not proven
 
     @property
     def proven(self) -> bool:
@@ -50,6 +52,7 @@ class Verification:
             bound = None if self.residual is None or self.residual.bound is None else self.residual.bound.tolist()
             own = {"residual_bound": bound, **own, "tip_statement": self.tip if self.proven else None}
         claims = [{"name": c.name, "proven": c.proven, "margin": c.proof_margin} for c in self.certificate.claims]
+        own["invariant_set"] = self.invariant and self.invariant._asdict()
         margin = self.certificate.proof_margin
         head = {"file": str(self.path), "proven": self.proven, "margin": margin, "seconds": self.seconds}
         return {**head, **own, "claims": claims}
@@ -94,6 +97,8 @@ class Verification:
             lines.append(f"  and {len(every) - len(claims)} more with larger margins, all of them with --json")
         if self.proven:
             lines.append(f"  {self.certificate.statement}")
+        if self.invariant is not None:
+            lines.append(f"  {self.invariant.statement}")
         if self.residual is not None and self.residual.sampled.any():
             lines.append(f"  {self.residual.statement}")
         if self.tip is not None and self.proven:
@@ -111,13 +116,14 @@ def verify_file(path: str | Path) -> Verification:
     begin = time.perf_counter()
     if isinstance(controller, ScheduledController):
         certificate = certify_scheduled(controller, in_balls=True)
-        return Verification(path, certificate, time.perf_counter() - begin, controller)
-    certificate = certify(controller)
+    else:
+        certificate = certify(controller)
     seconds = time.perf_counter() - begin
+    invariant = invariant_set(controller) if certificate.proven else None
     residual = tip = None
-    if controller.form == "consistent":
+    if isinstance(controller, Controller) and controller.form == "consistent":
         # Another arm may not reach the paper's circle; then there is no residual to bound.
         with contextlib.suppress(ValueError):
             circle = JointReference(parameters=controller.model.parameters)
             residual, tip = feedforward_residual(controller.model, circle), tip_statement(circle)
-    return Verification(path, certificate, seconds, controller, residual, tip)
+    return Verification(path, certificate, seconds, controller, residual, tip, invariant)

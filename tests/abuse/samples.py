@@ -16,6 +16,8 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from scipy.io import savemat
+from support.bags import write_bag
 from support.trainings import SMALL_TRAINING
 
 import fuzzyarm
@@ -140,7 +142,16 @@ def tables(folder: Path) -> None:
     (folder / "path.toml").write_text("points = [[0.3, 0.5], [0.5, 0.3], [0.6, 0.5]]\nclosed = true\nduration = 4.0\n")
     (folder / "path.csv").write_text("x,y\n0.3,0.5\n0.5,0.3\n0.6,0.5\n0.3,0.5\n")
     angle = 0.3 * np.sin(np.arange(600)[:, np.newaxis] * [4e-3, 7e-3])
-    (folder / "log.csv").write_text(Log(1e-3, angle, 40.0 * np.cos(angle), angle).to_csv())
+    torque, speed = 40.0 * np.cos(angle), np.gradient(angle, 2e-3, axis=0)
+    (folder / "log.csv").write_text(Log(1e-3, angle, torque, 2.0 * speed).to_csv())
+    parts = {"time": 2e-3 * np.arange(600), "q": angle, "tau": torque}
+    np.savez(folder / "log.npz", **parts)
+    np.save(folder / "log.npy", np.rec.fromarrays([parts["time"], *angle.T, *torque.T], names="time,q1,q2,tau1,tau2"))
+    savemat(folder / "log.mat", parts)
+    for plugin in ("MCAP", "SQLITE3"):
+        write_bag(folder / plugin, plugin, angle, speed, torque)
+        (bag,) = (file for file in (folder / plugin).iterdir() if file.suffix in (".mcap", ".db3"))
+        shutil.copy(bag, folder / f"log{bag.suffix}")
 
 
 @_made

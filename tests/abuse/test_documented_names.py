@@ -131,7 +131,7 @@ DOCUMENTED: dict[str, Name] = {
     "find_bound": (fuzzyarm.find_bound, lambda: {"claim": claim()}),
     "identify": (
         fuzzyarm.identify,
-        lambda: {"log": fuzzyarm.read_log(samples.tables() / "log.csv"), "start": ArmParameters()},
+        lambda: {"logs": fuzzyarm.read_log(samples.tables() / "log.csv"), "start": ArmParameters()},
     ),
     "load_policy": (
         fuzzyarm.load_policy,
@@ -140,7 +140,16 @@ DOCUMENTED: dict[str, Name] = {
     "measure_margins": (fuzzyarm.measure_margins, lambda: {"config": fuzzyarm.MarginsConfig(policies=("fuzzy-1",))}),
     "metrics_of": (fuzzyarm.metrics_of, lambda: {"rollout": episode()}),
     "rank_policies": (rank_policies, lambda: {"paths": [samples.evaluated()]}),
-    "read_log": (fuzzyarm.read_log, lambda: {"path": samples.tables() / "log.csv"}),
+    "read_log": (
+        fuzzyarm.read_log,
+        lambda: {
+            "path": samples.tables() / "log.csv",
+            "columns": {"q1": "q_motor1"},
+            "units": {"q": "rad"},
+            "gear": (1.0,),
+            "delay": 0.0,
+        },
+    ),
     "robot_named": (robot_named, lambda: {"name": "ur5"}),
     "run_bench": (fuzzyarm.run_bench, lambda: {"config": fuzzyarm.BenchConfig(threads=1)}),
     "run_episode": (

@@ -43,7 +43,7 @@ from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.run import _digest_of as digest_of
 from fuzzyarm.eval.tuning._finding import read_finding
 from fuzzyarm.fuzzy_policy.scheduled import load_controller
-from fuzzyarm.identification.log import read_log
+from fuzzyarm.identification.reading import read_log
 from fuzzyarm.policies.registry import LAWS
 from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.policies.tuned import TunedLaws
@@ -110,9 +110,9 @@ def follow(path: Path) -> None:
 
 
 def log(path: Path) -> None:
-    found = read_log(path)
-    if not all(np.isfinite(part).all() for part in (found.angle, found.torque, [found.period])):
-        raise Broken("numbers that are not finite")
+    for found in read_log(path):
+        if not all(np.isfinite(part).all() for part in (found.angle, found.torque, [found.period])):
+            raise Broken("numbers that are not finite")
 
 
 def tube(folder: Path) -> None:
@@ -187,6 +187,12 @@ READERS = {
     "path as TOML": Reader(samples.tables, "path.toml", lambda f: follow(f / "path.toml")),
     "path as CSV": Reader(samples.tables, "path.csv", lambda f: follow(f / "path.csv")),
     "log": Reader(samples.tables, "log.csv", lambda f: log(f / "log.csv")),
+    "log as arrays": Reader(samples.tables, "log.npz", lambda f: log(f / "log.npz")),
+    "log as an array": Reader(samples.tables, "log.npy", lambda f: log(f / "log.npy")),
+    "log of MATLAB": Reader(samples.tables, "log.mat", lambda f: log(f / "log.mat")),
+    "bag of MCAP": Reader(samples.tables, "log.mcap", lambda f: log(f / "log.mcap")),
+    "bag of SQLite": Reader(samples.tables, "log.db3", lambda f: log(f / "log.db3")),
+    "bag in a folder": Reader(samples.tables, "MCAP/metadata.yaml", lambda f: log(f / "MCAP")),
     "bound": Reader(samples.bounds, "bound.json", tube),
     "cells": Reader(samples.bounds, "cells.json", lambda f: check_bound(f / "cells.json")),
     "laws": Reader(samples.tuned, "laws.json", laws),

@@ -19,6 +19,7 @@ from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.inertia_bounds import scheduled_polynomial
+from fuzzyarm.proof.invariant_set import invariant_set
 from fuzzyarm.proof.scheduled_certificate import (
     certify_scheduled,
     schedule_rate,
@@ -244,3 +245,21 @@ def test_the_best_premise_is_found_and_what_cannot_be_had_is_said():
     ):
         with pytest.raises(DesignFailed, match=message):
             design_scheduled(ScheduledSpecification(**asked), robot)
+
+
+def test_the_set_lies_in_half_of_the_box_and_v_falls_on_its_border(controller):
+    """At random states of the border, of any posture: room to the box, and supply below decay."""
+    found, X = invariant_set(controller), controller.lyapunov
+    rng, M = np.random.default_rng(3), inertias(controller, 500)[2]
+    x = rng.normal(size=(len(M), 3, M.shape[-1]))
+    x *= np.sqrt(found.level / np.einsum("kia,ij,kab,kjb->k", x, X, M, x))[:, np.newaxis, np.newaxis]
+    assert np.abs(x[:, 0]).max() <= np.pi / 2.0
+    for premise, speed in zip(controller.premises, controller.speeds, strict=True):
+        assert np.abs(x[:, 1, premise.joint]).max() <= speed / 2.0
+    d = rng.normal(size=x[:, 0].shape)
+    d *= found.disturbance / np.linalg.norm(d, axis=1, keepdims=True)
+    supply = controller.gamma**2 * np.einsum("ka,kab,kb->k", d, np.linalg.inv(M), d)
+    assert supply.max() <= 2.0 * controller.alpha * found.level
+    heaviest = np.linalg.eigvalsh(M).max()
+    assert X[0, 0] * heaviest * found.start**2 <= found.level
+    assert "for every reference in the middle half of each range of angles" in found.statement

@@ -1,0 +1,296 @@
+"""Tables of numbers from files that robots and their tools write: text, NumPy, MATLAB and ROS 2 bags.
+
+A table has named columns, a unit where the file states one, and NaN where a cell holds no number. What a file calls its
+columns is left to `reading`. No file is unpickled, and no definition of a message that a bag carries is compiled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import itertools
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.array_files import read_arrays
+from fuzzyarm.common.checks import shown
+from fuzzyarm.common.documents import open_regular, read_bytes
+
+__all__ = ["Table", "listing", "read_table", "unit_of"]
+
+_LARGEST_FILE, _LARGEST_BAG, _LARGEST_METADATA = 64 * 2**20, 8 * 2**30, 2**20  # bytes
+_MOST_STATES, _MOST_COLUMNS = 400_000, 1000
+_MOST_NUMBERS = 32_000_000
+_FEWEST_COLUMNS = 3  # time, an angle and a torque
+_PROBED = 50  # lines in the middle, by which delimiter and decimal mark are found
+_AGREE = 0.8  # share of these lines
+_FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the folder of a ROS 2 bag"
+_BAG = (".mcap", ".db3")
+_EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
+_COMMENT = "#%/; \t"
+_UNIT = re.compile(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*")
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_FIELDS = ("position", "velocity", "effort")
+
+
+@dataclasses.dataclass
+class Table:
+    """Columns of numbers."""
+
+    names: list[str]  # as the file has them, without units; "1", "2", ... if it has none
+    units: dict[str, str]  # of columns by name, as the file has them
+    values: np.ndarray  # (rows, columns), NaN where there is no number
+    remarks: list[str] = dataclasses.field(default_factory=list)  # what was left out or assumed, a sentence each
+    headed: bool = True  # whether the file names its columns
+
+
+def listing(names: Iterable[str], most: int = 12) -> str:
+    """Return names with commas in between, the first ones of many; "none" if there are none."""
+    every = list(names)
+    return ", ".join(map(shown, every[:most])) + f" and {len(every) - most} more" * (len(every) > most) or "none"
+
+
+def read_table(path: Path, topic: str | None = None) -> Table:
+    """Return the table in a file, or in the folder of a bag, whose `topic` matters if several have joint states.
+
+    ValueError: it is of no known format, too large, or damaged; OSError: it cannot be read.
+    """
+    if path.suffix in _BAG or (path.is_dir() and (path / "metadata.yaml").is_file()):
+        return _bag(path, topic)
+    if path.is_dir():
+        raise ValueError("it is a folder without metadata.yaml, so no ROS 2 bag; name the file of the log")
+    content = read_bytes(path, largest=_LARGEST_FILE)
+    if content[:4] == b"PK\x03\x04" or content[:6] == b"\x93NUMPY":
+        return _of_arrays(read_arrays(path, largest=8 * _MOST_NUMBERS))
+    if content[:6] == b"MATLAB" or path.suffix == ".mat":
+        return _of_arrays(_matlab(content))
+    return _text(content)
+
+
+def unit_of(text: str) -> str:
+    """Return a unit in one way of writing: "deg / s", "°/s" and "degree s^-1" are "deg/s"."""
+    short = re.sub(r"[\s*·⋅.]", "", text.strip().lower()).replace("μ", "µ").replace("µ", "u")
+    short = re.sub(r"s\^?[-−]1$", "/s", short).replace("seconds", "s").replace("sec", "s")
+    short = re.sub(r"degrees?|°", "deg", short)
+    return re.sub(r"(radian|turn|rev(olution)?)s?(?=/|$)", lambda found: found[1][:4].replace("radi", "rad"), short)
+
+
+def _decoded(content: bytes) -> tuple[str, list[str]]:
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return content.decode("utf-16", errors="replace"), ["it is UTF-16 text"]
+    try:
+        return content.decode("utf-8-sig"), []
+    except UnicodeDecodeError:
+        return content.decode("latin-1"), ["it is not UTF-8: read as Latin-1"]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Style:
+    """How a text separates cells (None: by space) and marks decimals, and the number of its cells in a line."""
+
+    delimiter: str | None
+    mark: str
+    width: int = 0
+
+    def cells(self, line: str) -> list[str]:
+        """Return the cells of a line; a delimiter at its end makes no cell."""
+        found = [cell.strip().strip("\"'").strip() for cell in line.split(self.delimiter)]
+        return found[:-1] if len(found) == self.width + 1 and not found[-1] else found
+
+    def numbers(self, line: str) -> list[float]:
+        """Return numbers of a line, NaN for a text; empty if the width is another or hardly any cell has a number."""
+        cells = self.cells(line)
+        row = [number if (number := self.number(cell)) is not None else math.nan for cell in cells]
+        return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
+
+    def number(self, cell: str) -> float | None:
+        """Return the number in a cell, NaN in an empty one; None for another text."""
+        try:
+            return float(cell.replace(",", ".") if self.mark == "," else cell)
+        except ValueError:
+            return math.nan if cell.lower() in _EMPTY else None
+
+    def score(self, lines: list[str]) -> tuple[int, int]:
+        """Return how many columns have numbers alone in most of the lines, and the width of the lines."""
+        rows = [self.cells(line.strip("\r\n")) for line in lines]
+        ((width, agreed),) = Counter(map(len, rows)).most_common(1)
+        if agreed < _AGREE * len(lines) or width > _MOST_COLUMNS:
+            return 0, width
+        rows = [row for row in rows if len(row) == width]
+        columns = [[self.number(row[k]) for row in rows] for k in range(width)]
+        good = [sum(cell is not None for cell in column) >= _AGREE * len(rows) for column in columns]
+        some = [any(cell == cell and cell is not None for cell in column) for column in columns]
+        # With a delimiter at the end of each line the last column is empty.
+        return sum(map(min, good, some)), width - all(not row[-1] for row in rows)
+
+
+_STYLES = tuple(_Style(*pair) for pair in itertools.product(("\t", ";", ",", None), ".,") if pair != (",", ","))
+
+
+def _text(content: bytes) -> Table:
+    """Return the table in a delimited text."""
+    text, remarks = _decoded(content)
+    if not text.strip("\x00 \t\r\n"):
+        raise ValueError("it is empty; needed: a heading such as time,q1,q2,tau1,tau2 and a line for each instant")
+    if "\x00" in text[:4096]:
+        raise ValueError(f"it is no text; logs are read from {_FORMATS}")
+    lines = [line for line in text.splitlines() if line.strip()]
+    middle = max(len(lines) // 2 - _PROBED // 2, min(1, len(lines) - 1))
+    probed = lines[middle : middle + _PROBED]
+    scores = [style.score(probed) for style in _STYLES]
+    best = max(range(len(scores)), key=lambda k: scores[k][0])
+    if scores[best][0] < _FEWEST_COLUMNS:
+        raise ValueError(
+            f"neither comma, semicolon, tab nor space divides its lines into {_FEWEST_COLUMNS} or more columns of "
+            "numbers; write a line for each instant, with one delimiter throughout, not as in "
+            f"{shown(lines[len(lines) // 2])}"
+        )
+    style = dataclasses.replace(_STYLES[best], width=scores[best][1])
+    if style.mark == ",":
+        remarks.append("its numbers have a decimal comma")
+    rows = [style.numbers(line) for line in lines]
+    first = next((k for k, row in enumerate(rows) if row), len(rows))
+    names, units = _heading(lines[:first], style)
+    kept = [row for row in rows[first:] if row]
+    if len(kept) * style.width > _MOST_NUMBERS:
+        raise ValueError(f"it has {len(kept) * style.width} numbers; allowed: {_MOST_NUMBERS}. Leave out columns")
+    if not kept:
+        raise ValueError(f"none of its {len(lines)} lines is a row of numbers; line 1: {shown(lines[0])}")
+    if len(kept) < len(rows) - first:
+        remarks.append(f"{len(rows) - first - len(kept)} line(s) are no numbers or cut off: left out")
+    numbered = [str(k + 1) for k in range(style.width)]
+    return Table(names or numbered, units, np.array(kept, dtype=float), remarks, headed=bool(names))
+
+
+def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]]:
+    """Return names of columns, none if there is no heading, and units from brackets or from a second line."""
+    bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
+    if style.delimiter is None:
+        bare = [re.sub(r"\s+(?=[\[(])", "", line) for line in bare]
+    found = [cells for cells in map(style.cells, bare) if len(cells) == style.width and any(cells)]
+    if not found:
+        worded = [line.strip() for line in lines if line.strip()[0] not in "#%" and re.search(r"[^\W\d]", line)]
+        if worded:
+            width = len(style.cells(worded[-1]))
+            comma = "; numbers with a decimal comma need another delimiter than the comma"
+            text = f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
+            raise ValueError(text + comma * (style.width >= 2 * width - 1))
+        return [], {}
+    names, below = found[-1], [""] * style.width
+    if len(found) > 1 and all(not cell or _UNIT.fullmatch(cell) for cell in names):
+        names, below = found[-2], [cell.strip("[]() ") for cell in names]
+    units = {}
+    for k, name in enumerate(names):
+        bracket = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]", name)
+        if bracket and bracket[1] and not bracket[2].isdigit():
+            names[k], below[k] = bracket[1], bracket[2] or below[k]
+        if below[k]:
+            units[names[k]] = below[k]
+    return names, units
+
+
+def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
+    """Return the columns in arrays of one length: vectors, matrices with a column (or a row) a joint, and records."""
+    flat: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        fields = [(f"{name} {field}".strip(), array[field]) for field in array.dtype.names or ()]
+        for key, part in fields or [(name, array)]:
+            if part.dtype.kind in "biuf" and part.size > 1:
+                flat[key] = np.squeeze(part)
+    count = Counter(max(part.shape) for part in flat.values() if part.ndim in (1, 2)).most_common(1)
+    rows = count[0][0] if count else 0
+    columns: dict[str, np.ndarray] = {}
+    for name, part in flat.items():
+        if part.shape == (rows,):
+            columns[name] = part
+        elif part.ndim == 2 and rows in part.shape and min(part.shape) <= _MOST_COLUMNS:
+            across = part if len(part) == rows else part.T
+            columns |= {f"{name} {k + 1}".strip(): across[:, k] for k in range(across.shape[1])}
+    if len(columns) < _FEWEST_COLUMNS:
+        found = f"its arrays ({listing(arrays)}) give {len(columns)} column(s) of numbers"
+        raise ValueError(f"{found}; needed: time, angles and torques, arrays of one length")
+    headed = any(name and not name.isdigit() for name in columns)
+    return Table(list(columns), {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
+
+
+def _matlab(content: bytes) -> dict[str, np.ndarray]:
+    """Return the arrays of numbers in a MATLAB file up to version 7."""
+    from scipy.io import loadmat, whosmat
+
+    if content[:128].startswith(b"MATLAB 7.3") or content[:4] == b"\x89HDF":
+        raise ValueError("it is a MATLAB file of version 7.3; save it with: save('log.mat', '-v7', ...)")
+    try:
+        listed = whosmat(io.BytesIO(content))  # type: ignore[arg-type]
+        plain = [one for one in listed if one[2] in ("double", "single", "logical") or "int" in one[2]]
+        numbers = sum(int(np.prod([float(n) for n in shape])) for _, shape, _ in plain)
+        if numbers > _MOST_NUMBERS:
+            raise ValueError(f"it has {numbers} numbers; allowed: {_MOST_NUMBERS}")
+        found = loadmat(io.BytesIO(content), variable_names=[one[0] for one in plain]) if plain else {}  # type: ignore[arg-type]
+    except Exception as error:  # scipy's reader lets through whatever a damaged file brings about
+        raise ValueError(f"it is no MATLAB file, or a damaged one ({' '.join(str(error).split())[:120]})") from None
+    if not plain:
+        raise ValueError(
+            f"its variables ({listing(name for name, *_ in listed)}) are no arrays of numbers; save the "
+            "fields of a struct with: save('log.mat', '-struct', 'log')"
+        )
+    return {name: found[name] for name, *_ in plain if isinstance(found.get(name), np.ndarray)}
+
+
+def _bag(path: Path, topic: str | None) -> Table:
+    """Return the joint states of a ROS 2 bag, by their stamps or, if these are not set, by the times of recording."""
+    try:
+        from rosbags.rosbag2 import Reader
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise ValueError(
+            'bags are read by rosbags, which is not installed; install it with: pip install "fuzzyarm[logs]"'
+        ) from None
+    if path.is_dir():
+        read_bytes(path / "metadata.yaml", largest=_LARGEST_METADATA)
+    for file in [one for one in path.iterdir() if one.suffix in _BAG] if path.is_dir() else [path]:
+        with open_regular(file) as stream:
+            if stream.seek(0, 2) > _LARGEST_BAG:
+                raise ValueError(f"{file.name} is larger than {_LARGEST_BAG} bytes, the limit; split the bag")
+    decode = get_typestore(Stores.LATEST).deserialize_cdr
+    counts: Counter[str] = Counter()
+    states: list[tuple[int, Any]] = []
+    try:
+        with Reader(path) as bag:
+            found = [one for one in bag.connections if one.msgtype == _JOINT_STATE]
+            for one in found:
+                counts[one.topic] += one.msgcount
+            chosen = topic or max(counts, key=counts.__getitem__, default="")
+            if read := [one for one in found if one.topic == chosen]:
+                messages = itertools.islice(bag.messages(read), _MOST_STATES + 1)
+                states = [(received, decode(data, _JOINT_STATE)) for _, received, data in messages]
+    except OSError:
+        raise
+    except Exception as error:  # the library lets through whatever a damaged file brings about
+        raise ValueError(f"it is no ROS 2 bag, or a damaged one ({' '.join(str(error).split())[:120]})") from None
+    if not states:
+        where = f" on {topic}" if topic else ""
+        raise ValueError(f"it has no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}")
+    if len(states) > _MOST_STATES:
+        raise ValueError(f"{chosen} has more than {_MOST_STATES} messages; split the bag")
+    others = [one for one in counts if one != chosen]
+    remarks = [f"{chosen} is read; --columns topic=... chooses another of {listing(others)}"] if others else []
+    stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in states]
+    if stamps[-1] <= stamps[0]:
+        stamps = [received for received, _ in states]
+        remarks.append("its messages have no stamps: the times of recording are used")
+    names = list(dict.fromkeys(name for _, message in states for name in message.name))
+    columns = ["time", *(f"{field} {name}" for field in _FIELDS for name in names)]
+    place = {name: k for k, name in enumerate(columns)}
+    values = np.full((len(states), len(columns)), np.nan)
+    for row, stamp, (_, message) in zip(values, stamps, states, strict=True):
+        row[0] = 1e-9 * (stamp - stamps[0])
+        for field in _FIELDS:
+            for name, number in zip(message.name, getattr(message, field), strict=False):
+                row[place[f"{field} {name}"]] = number
+    return Table(columns, {"time": "s"}, values, remarks)

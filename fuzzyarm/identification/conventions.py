@@ -1,0 +1,221 @@
+"""Which conventions a log of a two-joint arm follows: units, side of the gear, angles, zeros, signs, order and delay.
+
+The arm is rigid, π >= 0, and near the start's π_0 in its first five entries. For a reading of the log the misfit is
+
+    J² = min over π of (Σ |(Γ - Y π) / s|² + Σ_k ((π_k - π_0k) / σ_k)²) / Σ |Γ / s|²
+
+with s a share of the largest torque and Y of `_rigid`. Readings with one or two changes are compared. Each change
+has to lower J by a share, and the best is named only if J falls below `_SPOKEN` of what it was. The scale of the torque
+alone is as uncertain as the masses of the start: it is doubted over several logs only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.optimize import nnls
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.identification._rigid import base_of, regressor
+from fuzzyarm.identification.log import Log
+from fuzzyarm.identification.reading import held_mean
+
+__all__ = ["Diagnosis", "Reading", "diagnosed"]
+
+_SPOKEN, _USABLE, _EVIDENCE = 0.75, 0.6, 20.0  # shares of the misfit and of the torque; fall of the sum of squares
+_PER_CHANGE = 0.85  # of the misfit, that a further change has to fall below
+_MOST_CHANGES = 2
+_RIVAL = 1.1  # times the best misfit
+_MODEL = 0.15  # error of the rigid arm as a share of the largest torque
+_KNOWN = np.array([0.5, 0.5, 0.5, 2.0, 0.5])  # σ as a share of π_0: the rotor is known least
+_LEAST = np.array([0.05, 0.02, 0.02, 0.02, 0.05])  # of the largest π_0 of one unit, for those near 0
+_ROWS = 400  # instants of a log, at most
+_ALIKE = 0.2  # by which a gear and 2π have to differ to be told apart
+_SLOWEST = 0.1  # of the root mean square of a velocity, below which its friction has no sign
+_DELAYS = 1e-3 * np.arange(5.0, 65.0, 5.0)  # s
+_NEAR = 1e-3 * np.arange(-4.0, 5.0)  # s
+_SIGNS = {  # of angles 1 and 2 and torques 1 and 2; all four together mirror the arm
+    (1, 1, -1, -1): "both torques have the other sign",
+    (1, 1, -1, 1): "torque 1 has the other sign",
+    (1, 1, 1, -1): "torque 2 has the other sign",
+    (-1, 1, 1, 1): "angle 1 has the other sign",
+    (1, -1, 1, 1): "angle 2 has the other sign",
+    (-1, 1, -1, 1): "joint 1 turns the other way than joint 2",
+    (1, -1, -1, 1): "angle 2 and torque 1 have the other sign",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How the numbers of a log are turned into the package's angles and torques; by default they are that."""
+
+    words: tuple[str, ...] = ()  # what the log has, in place of the package's conventions
+    angle: tuple[float, float] = (1.0, 1.0)  # factors of the joints' angles
+    torque: tuple[float, float] = (1.0, 1.0)  # and of their torques
+    exchanged: str = ""  # "both": the joints are in the other order; "torque": their torques alone
+    signs: tuple[int, ...] = (1, 1, 1, 1)  # of angles 1 and 2 and torques 1 and 2
+    absolute: bool = False  # whether angle 2 is measured against the vertical
+    zero: tuple[float, float] = (0.0, 0.0)  # added to the angles [rad]
+    delay: float = 0.0  # by which the torques are late [s]
+
+    def of_angles(self, values: np.ndarray, order: int = 0) -> np.ndarray:
+        """Return angles (N, 2) [rad], or their derivatives of an order, in the package's conventions."""
+        turned = values * self.angle
+        turned = (turned[:, ::-1] if self.exchanged == "both" else turned) * self.signs[:2]
+        if self.absolute:
+            turned = np.stack([turned[:, 0], turned[:, 1] - turned[:, 0]], axis=1)
+        return turned + self.zero if order == 0 else turned
+
+    def of_torques(self, values: np.ndarray) -> np.ndarray:
+        """Return torques (N, 2) [N m] in the package's conventions, without the delay."""
+        scaled = values * self.torque
+        return np.asarray((scaled[:, ::-1] if self.exchanged else scaled) * self.signs[2:])
+
+    def applied(self, log: Log) -> Log:
+        """Return the log in the package's conventions: angles [rad], velocities [rad/s] and torques [N m] (N, 2)."""
+        time, torque = log.period * np.arange(len(log.angle)), log.torque
+        if self.delay:
+            torque = held_mean(time, torque, time + self.delay, log.period)
+        velocity = None if log.velocity is None else self.of_angles(log.velocity, order=1)
+        turned = self.of_angles(log.angle), self.of_torques(torque)
+        return dataclasses.replace(log, angle=turned[0], torque=turned[1], velocity=velocity)
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """The likely reading of a log."""
+
+    reading: Reading  # the likely one
+    misfit: float  # J of the log as it is
+    after: float  # J of the likely reading
+    rivals: tuple[tuple[Reading, float], ...]  # other readings that fit nearly as well, and their J
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the likely reading is not the log as it is."""
+        return bool(self.reading.words)
+
+    def sentence(self) -> str:
+        """Return the likely reading with both misfits, and its rivals."""
+        others = "; ".join(f"{' and '.join(one.words) or 'as it is'} ({misfit:.2g})" for one, misfit in self.rivals)
+        return (
+            f"{' and '.join(self.reading.words)}: read so, the misfit of a rigid arm falls from {self.misfit:.2g} to "
+            f"{self.after:.2g}" + f"; nearly as well fits: {others}" * bool(others)
+        )
+
+
+def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] = ()) -> Diagnosis:
+    """Return the likely reading of logs of one arm, all recorded alike.
+
+    Args:
+        logs: angles [rad] and torques [N m] of two joints, shape (N, 2) each, as they were read.
+        start: an arm with the lengths; its masses may be wrong by a half, the rest by more.
+        gear: the ratio or the ratios by which the logs were brought to the joint's side; it is doubted too.
+    """
+    data = [_Thinned(log) for log in logs]
+    largest = math.sqrt(max(np.mean(np.concatenate([one.torque() ** 2 for one in data]), axis=0).max(), 1e-18))
+    found = [(one, *_misfit(data, one, start, largest)) for one in _readings(tuple(gear), several=len(logs) > 1)]
+    plain = found[0]
+    best = min(found, key=lambda one: math.log(one[1]) - len(one[0].words) * math.log(_PER_CHANGE))
+    if best[0].delay:
+        near = (dataclasses.replace(best[0], delay=best[0].delay + shift) for shift in _NEAR)
+        best = min(((one, *_misfit(data, one, start, largest)) for one in near), key=lambda one: one[1])
+        late = "late" if best[0].delay > 0.0 else "early"
+        words = (f"the torques seem to be {1e3 * abs(best[0].delay):.0f} ms {late}",)
+        best = dataclasses.replace(best[0], words=words), *best[1:]
+    gain = (plain[1] ** 2 - best[1] ** 2) * plain[3]
+    if not (best[1] < _SPOKEN * plain[1] and best[2] < _USABLE and gain > _EVIDENCE):
+        best = plain
+    most = max(len(best[0].words), 1)
+    rivals = sorted(
+        (misfit, place, one)
+        for place, (one, misfit, *_) in enumerate(found)
+        if len(one.words) <= most and misfit < _RIVAL * best[1] and one.words != best[0].words
+        if not (best[0].delay and one.delay)
+    )
+    return Diagnosis(best[0], plain[1], best[1], tuple((one, misfit) for misfit, _, one in rivals[:3]))
+
+
+def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
+    """Yield the log as it is, then readings with one or two changes; without `several`, none of the torque's scale."""
+    one, degree, already = (1.0, 1.0), math.pi / 180.0, "look like those of the joint's side already, without --gear"
+    units = [("", one, one), ("the angles look like degrees", (degree, degree), one)]
+    if not any(abs(ratio / math.tau - 1.0) < _ALIKE for ratio in gear):
+        units.append(("the angles look like turns", (math.tau, math.tau), one))
+    if gear:
+        more, less = (gear[0], gear[-1]), (1.0 / gear[0], 1.0 / gear[-1])
+        units += [(f"angles and torques {already}", more, less), (f"the angles {already}", more, one)]
+        units += [(f"the torques {already}", one, less)] * several
+    units += [("the torques look like N mm", one, (1e-3, 1e-3))] * several
+    zeros = (0.0, 0.5 * math.pi, -math.pi, -0.5 * math.pi)
+    exchanges = {"": "", "both": "the joints look exchanged", "torque": "the torques look exchanged"}
+    signs = {(1, 1, 1, 1): ""} | _SIGNS
+    for unit, absolute, sign, zero1, zero2, exchanged in itertools.product(
+        units, (False, True), signs, zeros, zeros, exchanges
+    ):
+        words = (
+            unit[0],
+            "angle 2 looks like that against the vertical, not against link 1" * absolute,
+            signs[sign],
+            f"the zero of joint 1 looks {math.degrees(-zero1):+.0f} degrees off" * bool(zero1),
+            f"the zero of joint 2 looks {math.degrees(-zero2):+.0f} degrees off" * bool(zero2),
+            exchanges[exchanged],
+        )
+        said = tuple(word for word in words if word)
+        if len(said) <= _MOST_CHANGES:
+            yield Reading(said, unit[1], unit[2], exchanged, sign, absolute, (zero1, zero2))
+    for delay in (*-_DELAYS, *_DELAYS):
+        yield Reading(("the torques are late",), delay=float(delay))
+
+
+class _Thinned:
+    """The smooth motion of a log at a few hundred instants."""
+
+    def __init__(self, log: Log) -> None:
+        motion = log.smoothed()
+        settled = np.arange(len(log.angle))[motion.settled]
+        self._chosen = settled[:: max(1, len(settled) // _ROWS)]
+        self.parts = tuple(part[self._chosen] for part in (motion.q, motion.dq, motion.ddq))
+        self.weight = motion.independent / len(self._chosen)
+        self._torque, self._period = motion.torque, log.period
+
+    def torque(self, delay: float = 0.0) -> np.ndarray:
+        """Return the smooth torques (N, 2) [N m] a time [s] later."""
+        at, every = self._chosen + delay / self._period, np.arange(len(self._torque))
+        return np.stack([np.interp(at, every, one) for one in self._torque.T], axis=1)
+
+
+def _misfit(
+    data: Sequence[_Thinned], reading: Reading, start: ArmParameters, largest: float
+) -> tuple[float, float, float]:
+    """Return J, the share of the torque that is left, both as roots, and Σ |Γ / s|²."""
+    normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
+    for one in data:
+        q, dq, ddq = (reading.of_angles(part, order) for order, part in enumerate(one.parts))
+        torque = reading.of_torques(one.torque(reading.delay))
+        moving = np.abs(dq) > _SLOWEST * np.sqrt(np.mean(dq * dq, axis=0))
+        for joint, rows in enumerate(regressor(q, dq, ddq, start.length[0], start.gravity)):
+            kept = moving[:, joint]
+            scale = math.sqrt(one.weight) / (_MODEL * largest * max(reading.torque))
+            y, known = rows[kept] * scale, torque[kept, joint] * scale
+            normal, slope, total = normal + y.T @ y, slope + y.T @ known, total + float(known @ known)
+    return (*_constrained(normal, slope, max(total, 1e-12), base_of(start)[:5]), total)
+
+
+def _constrained(normal: np.ndarray, slope: np.ndarray, total: float, known: np.ndarray) -> tuple[float, float]:
+    """Return J and the share of the torque that is left, as roots, for the normal equations (9, 9) and (9,) of π."""
+    floor = _LEAST * known[[0, 4, 0, 0, 4]]
+    weight = 1.0 / np.maximum(_KNOWN * known, np.maximum(floor, 1e-9)) ** 2
+    damped, right = normal.copy(), slope.copy()
+    damped[range(5), range(5)] += weight
+    right[:5] += weight * known
+    size = np.sqrt(np.maximum(np.diag(damped), 1e-300))
+    factor = np.linalg.cholesky(damped / np.outer(size, size) + 1e-9 * np.eye(len(size)))
+    base = nnls(factor.T, np.linalg.solve(factor, right / size), maxiter=1000)[0] / size
+    left = max(float(base @ normal @ base - 2.0 * slope @ base) + total, 0.0)
+    beside = float(np.sum(weight * (base[:5] - known) ** 2))
+    return math.sqrt(max(left + beside, 1e-18) / total), math.sqrt(left / total)

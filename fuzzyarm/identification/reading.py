@@ -1,0 +1,352 @@
+"""Logs from files as robots write them: columns by name, units, uneven stamps, gaps and idle ends.
+
+Between stamps an angle is a straight line and a torque is held:
+
+    q(t) = line through (t_i, q_i),    Γ_k = 1/T ∫ Γ(t + delay) dt from k T to (k + 1) T,    T the median step
+
+so that an evenly spaced log stays as it is. Everything that is assumed, left out or changed is a remark of the log.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.checks import shown
+from fuzzyarm.identification._tables import Table, listing, read_table, unit_of
+from fuzzyarm.identification.log import FEWEST_SAMPLES, Log
+
+__all__ = ["held_mean", "read_log"]
+
+_TURN = 2.0 * math.pi
+_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360.0, "rev": _TURN, "turn": _TURN}
+_UNITS = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "q": _ANGLES,
+    "dq": {f"{name}/s": size for name, size in _ANGLES.items()}
+    | dict.fromkeys(("rpm", "1/min", "rev/min"), _TURN / 60.0),
+    "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3},
+}
+"""SI units in each unit, as `_tables.unit_of` writes it."""
+_ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # stated by a name: time_ms
+_WORDS = {
+    "time": "time t timestamp timestamps stamp seconds sec zeit",
+    "q": "q pos position positions angle angles theta phi",
+    "dq": "dq qd qdot vel velocity velocities omega speed dtheta",
+    "tau": "tau torque torques effort efforts moment",
+}
+_KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_IDLE_WORDS = "joint joints state states motor meas measured actual act axis j"
+_DEMANDED = (
+    "des desired ref reference cmd command commanded target set goal err error link ff est std raw filtered temp"
+)
+_ROLE = re.compile(r"time|topic|(q|dq|tau)[1-9]\d?")
+_EVEN = 0.01  # share of a period by which a step in time may differ from the median step
+_FASTEST, _SLOWEST = 5e-5, 0.05  # s, median steps from which a unit of time is guessed
+_GAP, _LEAST_GAP = 5.0, 0.02  # steps; s
+_MOVED = 0.02  # share of a joint's range, within which it counts as idle
+_KEPT, _LEAST_IDLE = 0.3, 0.5  # s of an idle end that stay, and that are worth a cut
+_LATEST = 1.0  # s
+_LARGEST_GEAR = 1e4
+_SAME = 0.2  # by which the ratio of velocity to the slope of the angle may differ from 1
+
+
+def read_log(
+    path: Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str | float] | None = None,
+    gear: tuple[float, ...] = (),
+    delay: float = 0.0,
+) -> tuple[Log, ...]:
+    """Return the log in a file, cut at its gaps: delimited text, NumPy, MATLAB, or joint states of a ROS 2 bag.
+
+    Args:
+        path: the file, or the folder of a bag.
+        columns: names or numbers (from 1) of columns by role: time, q1, q2, ..., dq1, ..., tau1, ...; topic is that
+            of a bag. Roles that are not given are guessed from the names in the file.
+        units: unit, or its size in SI units, of time, q, dq or tau, where the file states none or a wrong one.
+        gear: reductions of the motors, one or one a joint, if the log is that of the motors' side: q / gear, tau gear.
+        delay: time [s] by which torques are recorded later than the angles that they belong to.
+
+    Raises:
+        ValueError: the file is of no known format, or a column is missing, ambiguous, without numbers or in an unknown
+            unit; the message names it and what to do.
+        OSError: the file cannot be read.
+    """
+    path = checks.path_of("path", path)
+    delay = checks.real("delay", delay, "s", low=-_LATEST, high=_LATEST)
+    columns, units = dict(checks.instance("columns", columns or {}, dict)), checks.instance("units", units or {}, dict)
+    checks.instance("gear", gear, tuple)
+    checks.texts("columns", [*columns, *columns.values()])
+    for role in columns:
+        if not _ROLE.fullmatch(role):
+            raise ValueError(f"columns has {shown(role)}; allowed: time, q1, dq1, tau1, q2, ... and topic")
+    for kind in units:
+        checks.choice("a key of units", kind, tuple(_UNITS))
+    try:
+        table = read_table(path, columns.pop("topic", None))
+        roles = _roles_of(table, columns)
+        logs = _pieces(table, roles, units, gear, delay)
+    except (TypeError, ValueError) as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+    names = [path.name, *(f"{path.name}, part {k}" for k in range(2, len(logs) + 1))]
+    logs = [dataclasses.replace(log, name=name) for log, name in zip(logs, names, strict=True)]
+    return dataclasses.replace(logs[0], remarks=tuple(dict.fromkeys(table.remarks))), *logs[1:]
+
+
+def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
+    """Return the column of each role: time, q1, tau1, and dq1 if there are velocities of every joint."""
+    roles = {role: _column(table, role, name) for role, name in given.items()}
+    guessed: dict[tuple[str, str], list[int]] = {}
+    for k, name in enumerate(table.names if table.headed else ()):
+        kind, label = _meaning(name)
+        if kind:
+            guessed.setdefault((kind, label), []).append(k)
+    chosen = [int(role.lstrip("dqtau")) for role in given if role != "time"]
+    labels = _labels(guessed)[: max(chosen, default=None)]
+    named = [label for label in labels if not label.isdigit()]
+    if named and not any(role.startswith("q") for role in given):
+        table.remarks.append("joints in this order: " + ", ".join(labels))
+    wanted = {("time", ""): "time"} | {
+        (kind, label): f"{kind}{j}" for j, label in enumerate(labels, start=1) for kind in ("q", "dq", "tau")
+    }
+    for key, role in wanted.items():
+        if role in roles or key not in guessed:
+            continue
+        several = guessed[key] if role != "time" else guessed[key][:1]
+        if len(several) > 1:
+            raise ValueError(
+                f"columns {listing(table.names[k] for k in several)} may each be {role}; choose: --columns {role}=NAME"
+            )
+        roles[role] = several[0]
+    joints = 0
+    while f"q{joints + 1}" in roles or f"tau{joints + 1}" in roles:
+        joints += 1
+    needed = ["time", *(f"{kind}{j + 1}" for kind in ("q", "tau") for j in range(max(joints, 1)))]
+    missing = [role for role in needed if role not in roles]
+    if missing:
+        example = ",".join(f"{role}=NAME" for role in missing[:5])
+        where = f"among {listing(table.names)}" if table.headed else f"in {len(table.names)} columns without a heading"
+        text = f"no column is known to be {', '.join(missing)} {where}"
+        raise ValueError(f"{text}; name them, or their numbers: --columns {example}")
+    speeds = [f"dq{j + 1}" for j in range(joints)]
+    kept = needed + (speeds if all(role in roles for role in speeds) else [])
+    found = {role: roles[role] for role in kept}
+    twice = [role for role, k in found.items() if list(found.values()).count(k) > 1]
+    if twice:
+        name = shown(table.names[found[twice[0]]])
+        raise ValueError(f"{' and '.join(twice[:2])} are the same column {name}; give each its own")
+    return found
+
+
+def _column(table: Table, role: str, name: str) -> int:
+    if table.names.count(name) == 1:
+        return table.names.index(name)
+    if name.isdecimal() and 1 <= int(name) <= len(table.names):
+        return int(name) - 1
+    reason = "is there more than once; give its number" if name in table.names else "is not there"
+    raise ValueError(f"column {shown(name)} for {role} {reason}; columns: {listing(table.names)}")
+
+
+def _meaning(name: str) -> tuple[str, str]:
+    """Return the kind of a column, "" if none, and the joint that its name tells: q_meas1 is q of 1."""
+    words = re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    if len(words) > 1 and words[-1] in _ENDINGS:
+        words = words[:-1]
+    kinds = [word for word in words if word in _KIND]
+    if not kinds or set(_DEMANDED.split()).intersection(words):
+        return "", ""
+    kind = next((word for word in kinds if _KIND[word] != "time"), kinds[0])
+    label = [word for word in words if word != kind and word not in _IDLE_WORDS.split()]
+    return (_KIND[kind], " ".join(label)) if _KIND[kind] != "time" or not label else ("", "")
+
+
+def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
+    """Return the joints: numbered ones, else those whose name has an angle and a torque, in the file's order."""
+    numbered = {label for kind, label in guessed if kind in ("q", "tau") and label.isdecimal()}
+    if numbered:
+        return sorted(numbered, key=int)
+    named = [label for kind, label in guessed if kind == "q" and ("tau", label) in guessed]
+    ends = [re.search(r"\d+$", label) for label in named]
+    numbers = {int(end[0]): label for end, label in zip(ends, named, strict=True) if end}
+    return [numbers[k] for k in sorted(numbers)] if len(numbers) == len(named) else named
+
+
+def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
+    """Return the size of a unit in SI units, by `given` or by the heading; None if neither tells."""
+    stated = {table.units[name] for name in names if name in table.units}
+    text = given[kind] if kind in given else stated.pop() if len(stated) == 1 else ""
+    known = _UNITS[kind]
+    if stated and kind not in given:
+        raise ValueError(f"the columns {listing(names)} have several units; convert them to one")
+    if isinstance(text, str) and not text:
+        return None
+    if isinstance(text, str):
+        with contextlib.suppress(ValueError):
+            text = float(text)
+    if not isinstance(text, str):
+        return checks.real(f"unit of {kind}", text, above=0.0)
+    short = unit_of(text)
+    if short not in known:
+        raise ValueError(
+            f"the unit {shown(text)} of {kind} is unknown; give one, or its size in SI units: --units {kind}=..., "
+            f"known are {', '.join(known)}"
+        )
+    if kind not in given and known[short] != 1.0:
+        table.remarks.append(f"{kind} is in {text} by the heading")
+    return known[short]
+
+
+def _pieces(
+    table: Table, roles: dict[str, int], units: Mapping[str, str | float], gear: Sequence[float], delay: float
+) -> list[Log]:
+    """Return the evenly spaced logs of a table."""
+    values, remarks = table.values[:, list(roles.values())], table.remarks
+    whole = np.isfinite(values).all(axis=1)
+    for place in roles.values():
+        if not np.isfinite(table.values[:, place]).any():
+            raise ValueError(f"column {shown(table.names[place])} holds no numbers; choose another with --columns")
+    if not whole.all():
+        remarks.append(f"{np.count_nonzero(~whole)} row(s) lack a number: left out")
+    joints = sum(role.startswith("tau") for role in roles)
+    if len(gear) not in (0, 1, joints):
+        raise ValueError(f"gear has {len(gear)} ratios; allowed: one, or one for each of {joints} joints")
+    ratio = np.array([checks.real("gear", one, low=1.0 / _LARGEST_GEAR, high=_LARGEST_GEAR) for one in gear] or [1.0])
+    kinds = [role.rstrip("0123456789") for role in roles]
+    part = {kind: values[whole][:, [one == kind for one in kinds]] for kind in _UNITS}
+    names = np.array([table.names[k] for k in roles.values()])
+    size = {kind: _unit(table, kind, names[[one == kind for one in kinds]].tolist(), units) for kind in _UNITS}
+    angle, torque = part["q"] * (size["q"] or 1.0) / ratio, part["tau"] * (size["tau"] or 1.0) * ratio
+    velocity = part["dq"] * (size["dq"] or size["q"] or 1.0) / (ratio if part["dq"].size else 1.0)
+    time = _seconds(part["time"][:, 0], size["time"], remarks)
+    signals = np.concatenate([angle, velocity, torque], axis=1)
+    logs = []
+    for stamps, piece in _cut(time, signals, remarks):
+        period, angles, held = _even(stamps, piece[:, :-joints], piece[:, -joints:], delay, remarks)
+        log = Log(period, angles[:, :joints], held, angles[:, joints:] if angles.shape[1] > joints else None)
+        logs.append(_trimmed(log, remarks))
+    return _with_true_velocities(logs, remarks)
+
+
+def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.ndarray:
+    """Return times [s] since the first stamp; a unit that is not stated is guessed from the median step."""
+    steps = np.diff(stamps)
+    if not (steps > 0.0).any():
+        raise ValueError("the stamps in its column of time never increase; choose another with --columns time=NAME")
+    step = float(np.median(steps[steps > 0.0]))
+    if unit is None:
+        sizes = {name: size for name, size in _UNITS["time"].items() if size <= 1.0}
+        fitting = [name for name, size in sizes.items() if _FASTEST <= step * size <= _SLOWEST]
+        if not fitting:
+            raise ValueError(
+                f"the median step in time is {step:.4g}, which fits no unit: {_SLOWEST:g} s at most; state it with "
+                "--units time=ms, or name another column with --columns time=NAME"
+            )
+        unit = sizes[fitting[0]]
+        if unit != 1.0:
+            remarks.append(f"its time seems to be in {fitting[0]}: the median step is {step:.6g}")
+    return np.asarray((stamps - stamps[0]) * unit)
+
+
+def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the pieces between gaps and jumps back in time, with ascending stamps."""
+    steps = np.diff(time)
+    longest = max(_GAP * float(np.median(steps[steps > 0.0])), _LEAST_GAP)
+    gaps = np.flatnonzero(np.abs(steps) > longest) + 1
+    pieces, dropped = [], 0
+    for stamps, part in zip(np.split(time, gaps), np.split(signals, gaps), strict=True):
+        later = np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
+        dropped += int(np.count_nonzero(~later))
+        pieces.append((stamps[later], part[later]))
+    if dropped:
+        remarks.append(f"{dropped} stamp(s) do not increase: their rows are left out")
+    long = [piece for piece in pieces if len(piece[0]) >= FEWEST_SAMPLES]
+    if not long:
+        largest = max(len(stamps) for stamps, _ in pieces)
+        raise ValueError(
+            f"it has {largest} samples without a gap in time (of more than {1e3 * longest:.3g} ms); needed: "
+            f"{FEWEST_SAMPLES} or more"
+        )
+    if len(pieces) > 1:
+        short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)
+        remarks.append(
+            f"{len(pieces) - 1} gap(s) in time of more than {1e3 * longest:.3g} ms: {len(long)} part(s) of "
+            f"{FEWEST_SAMPLES} samples or more are used, {short} sample(s) of others left out"
+        )
+    return long
+
+
+def _even(
+    stamps: np.ndarray, lines: np.ndarray, torque: np.ndarray, delay: float, remarks: list[str]
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the period [s], and lines and held torques at even instants from the first stamp to the last."""
+    steps = np.diff(stamps)
+    period = float(np.median(steps))
+    uneven = np.abs(steps - period) > _EVEN * period
+    if not uneven.any():
+        period, at = float(np.mean(steps)), stamps
+        if not delay:
+            return period, lines, torque
+    else:
+        at = stamps[0] + period * np.arange(int((stamps[-1] - stamps[0]) / period + 1e-6) + 1)
+        remarks.append(
+            f"{100.0 * np.mean(uneven):.2g} % of the steps in time differ from {1e3 * period:.4g} ms: resampled, "
+            "angles by lines between the stamps, torques as the mean of what was held"
+        )
+        lines = np.stack([np.interp(at, stamps, line) for line in lines.T], axis=1)
+    return period, lines, held_mean(stamps, torque, at + delay, period)
+
+
+def held_mean(stamps: np.ndarray, torque: np.ndarray, at: np.ndarray, period: float) -> np.ndarray:
+    """Return 1/T ∫ Γ dt from each instant `at` (N,) [s] over a period T [s], shape (N, n).
+
+    Γ (M, n) [N m] is held from its stamp (M,) [s] to the next; the first and the last go on beyond the stamps.
+    """
+    begin, end = min(stamps[0], at[0]) - period, max(stamps[-1], at[-1] + period) + period
+    edges = np.concatenate([[begin], stamps, [end]])
+    areas = np.concatenate([torque[:1], torque]) * np.diff(edges)[:, np.newaxis]
+    integral = np.concatenate([np.zeros((1, torque.shape[1])), np.cumsum(areas, axis=0)])
+    sums = [np.interp(at + period, edges, one) - np.interp(at, edges, one) for one in integral.T]
+    return np.stack(sums, axis=1) / period
+
+
+def _trimmed(log: Log, remarks: list[str]) -> Log:
+    """Return a log without its idle ends, of which a moment stays."""
+    near = _MOVED * np.ptp(log.angle, axis=0)
+    moving = [np.flatnonzero((np.abs(log.angle - log.angle[k]) > near).any(axis=1)) for k in (0, -1)]
+    if not (moving[0].size and moving[1].size):
+        return log
+    margin, count = round(_KEPT / log.period), len(log.angle)
+    first, last = max(int(moving[0][0]) - margin, 0), min(int(moving[1][-1]) + margin + 1, count)
+    if (first + count - last) * log.period < _LEAST_IDLE or last - first < FEWEST_SAMPLES:
+        return log
+    remarks.append(f"idle ends are cut off: {first * log.period:.3g} s and {(count - last) * log.period:.3g} s")
+    velocity = None if log.velocity is None else log.velocity[first:last]
+    return dataclasses.replace(log, angle=log.angle[first:last], torque=log.torque[first:last], velocity=velocity)
+
+
+def _with_true_velocities(logs: list[Log], remarks: list[str]) -> list[Log]:
+    """Return the logs, without velocities if these are not the slopes of the angles: another unit, sign or side."""
+    if logs[0].velocity is None:
+        return logs
+    pairs = [(log.smoothed().dq, dataclasses.replace(log, velocity=None).smoothed().dq) for log in logs]
+    given, slope = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    ratio = np.sum(given * slope, axis=0) / np.maximum(np.sum(slope * slope, axis=0), 1e-300)
+    wrong = np.flatnonzero((np.abs(ratio - 1.0) > _SAME) & (np.ptp(slope, axis=0) > 0.0))
+    if not wrong.size:
+        return logs
+    j = int(wrong[0])
+    remarks.append(
+        f"the velocities of joint {j + 1} are {ratio[j]:.3g} times the slopes of its angles (another unit or sign?): "
+        "velocities are not used"
+    )
+    return [dataclasses.replace(log, velocity=None) for log in logs]

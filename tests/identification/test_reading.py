@@ -1,0 +1,268 @@
+"""A log is the same whatever wrote it; what was assumed or left out is said; what cannot be read says what to do."""
+
+import io
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from support.bags import write_bag
+
+from fuzzyarm.cli import main
+from fuzzyarm.identification.log import Log
+from fuzzyarm.identification.reading import held_mean, read_log
+
+COUNT = 600
+TIME = 2e-3 * np.arange(COUNT)
+ANGLE = np.stack([np.sin(3.0 * TIME) + 0.1, 0.7 * np.cos(5.0 * TIME)], axis=1)
+SPEED = np.gradient(ANGLE, TIME, axis=0)
+TORQUE = np.stack([2.0 * np.cos(4.0 * TIME), np.sign(np.sin(9.0 * TIME))], axis=1)
+
+
+def table(heading="time,q1,q2,tau1,tau2", delimiter=",", columns=None, mark=".", end="\n"):
+    """The text of the log, by default as evenly stamped seconds, radians and N m."""
+    rows = np.column_stack([TIME, ANGLE, TORQUE] if columns is None else columns)
+    lines = [delimiter.join(f"{x:.10g}" for x in row).replace(".", mark) for row in rows]
+    return heading + "\n" * bool(heading) + end.join(lines) + end
+
+
+def written(tmp_path, text, name="log.csv"):
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+DEGREES = np.degrees(ANGLE)
+FIVE = "time,q1,q2,tau1,tau2"
+JOINTS = "/joint_states/joint"
+ROWS = table().splitlines()
+STAMPS = [1_700_000_000_000_000_000 + 2_000_000 * k for k in range(COUNT)]
+TURNS = [1e6 * TIME, ANGLE / (2.0 * np.pi), 1e3 * TORQUE]
+TEXTS = {
+    "package": Log(2e-3, ANGLE, TORQUE, SPEED).to_csv(),
+    "byte order mark": b"\xef\xbb\xbf" + table().encode(),
+    "UTF-16": table().encode("utf-16"),
+    "tab": table("time\tpos 1\tpos 2\ttau 1\ttau 2", "\t"),
+    "semicolon and decimal comma": table("Zeit;q1;q2;tau1;tau2", ";", mark=","),
+    "space and comment": table("# recorded on Monday\n# time q1 q2 tau1 tau2", " "),
+    "delimiter at each end": table(FIVE + ",", end=",\n"),
+    "units in brackets, Latin-1": table(
+        "time [ms];q1 [°];q2 [°];tau1 [N·m];tau2 [N·m]", ";", [1e3 * TIME, DEGREES, TORQUE]
+    ).encode("latin-1"),
+    "units in parentheses": table("t (us), q_1 (rev), q_2 (rev), tau_1 (mNm), tau_2 (mNm)", columns=TURNS),
+    "units in a second line": table(
+        "time\tq1\tq2\ttau1\ttau2\nms\tdeg\tdeg\tN m\tN m", "\t", [1e3 * TIME, DEGREES, TORQUE]
+    ),
+    "nanoseconds since 1970": "\n".join(
+        [FIVE, *(f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(STAMPS, ROWS[1:], strict=True))]
+    ),
+    "joints from 0, velocities, demands": table(
+        "timestamp,pos_meas0,pos_meas1,vel_meas0,vel_meas1,tau_meas0,tau_meas1,pos_des0,pos_des1",
+        columns=[TIME, ANGLE, SPEED, TORQUE, 9.0 * ANGLE],
+    ),
+    "joints by name": table("time,shoulder_position,elbow_position,shoulder_effort,elbow_effort"),
+    "as PlotJuggler": table(
+        "__time," + ",".join(f"{JOINTS}{joint}/{field}" for field in ("position", "effort") for joint in (1, 2))
+    ),
+    "words and blanks in other columns": "\n".join(
+        [ROWS[0] + ",mode,note", *(f"{row},RUN,{'ok' if k % 2 else ''}" for k, row in enumerate(ROWS[1:]))]
+    ),
+    "heading twice, and cut off": "\n".join([*ROWS[:300], ROWS[0], *ROWS[300:], "1.2,0.3"]),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_text_gives_the_log_that_was_written(name, tmp_path):
+    (log,) = read_log(written(tmp_path, TEXTS[name]))
+    assert log.period == pytest.approx(2e-3, rel=1e-5)
+    np.testing.assert_allclose(log.angle, ANGLE, atol=1e-8)
+    np.testing.assert_allclose(log.torque, TORQUE, atol=1e-8)
+    assert (log.velocity is not None) == ("velocities" in name or name == "package")
+
+
+@pytest.mark.parametrize(
+    "kind", ["matrices", "rows", "record", "array", "matlab", "SQLITE3", "MCAP", "mcap file", "no stamps"]
+)
+def test_arrays_and_bags_give_the_log_that_was_written(kind, tmp_path):
+    path, columns = tmp_path / "log.npz", {}
+    match kind:
+        case "matrices" | "rows":
+            parts = {"q": ANGLE, "tau": TORQUE}
+            np.savez(path, time=TIME, **{name: part if kind == "matrices" else part.T for name, part in parts.items()})
+        case "record":
+            path, record = tmp_path / "log.npy", np.empty(COUNT, [("t", float), ("q", float, 2), ("effort", float, 2)])
+            record["t"], record["q"], record["effort"] = TIME, ANGLE, TORQUE
+            np.save(path, record)
+        case "array":
+            path, columns = tmp_path / "log.npy", {"time": "1", "q1": "2", "q2": "3", "tau1": "4", "tau2": "5"}
+            np.save(path, np.column_stack([TIME, ANGLE, TORQUE]))
+        case "matlab":
+            path = tmp_path / "log.mat"
+            scipy.io.savemat(path, {"t": TIME, "q": ANGLE, "tau": TORQUE, "note": "text", "rate": 500.0})
+        case _:
+            pytest.importorskip("rosbags")
+            path = tmp_path / "bag"
+            write_bag(path, kind if kind == "SQLITE3" else "MCAP", ANGLE, SPEED, TORQUE, stamped=kind != "no stamps")
+            path = next(path.glob("*.mcap")) if kind == "mcap file" else path
+    (log,) = read_log(path, columns=columns)
+    assert log.period == pytest.approx(2e-3, rel=1e-6)
+    np.testing.assert_allclose(log.angle, ANGLE, atol=1e-12)
+    np.testing.assert_allclose(log.torque, TORQUE, atol=1e-12)
+    assert any("times of recording" in remark for remark in log.remarks) == (kind == "no stamps")
+
+
+def test_the_mean_of_a_held_torque_keeps_its_integral():
+    rng = np.random.default_rng(0)
+    stamps = np.cumsum(rng.uniform(0.5e-3, 2e-3, size=400))
+    torque = rng.normal(size=(400, 2))
+    period = 1.7e-3
+    at = stamps[3] + period * np.arange(200)
+    held = held_mean(stamps, torque, at, period)
+    fine = np.linspace(at[0], at[-1] + period, 400_001)
+    value = torque[np.searchsorted(stamps, 0.5 * (fine[1:] + fine[:-1]), side="right") - 1]
+    np.testing.assert_allclose(held.sum(axis=0) * period, (value * np.diff(fine)[:, np.newaxis]).sum(axis=0), atol=1e-5)
+    even = 1e-3 * np.arange(400)
+    np.testing.assert_allclose(held_mean(even, torque, even, 1e-3), torque, atol=1e-10)
+
+
+def test_what_a_robot_does_to_a_log_is_undone_and_said(tmp_path):
+    """Stamps that jitter, coarse encoders, a gap, stamps twice and backwards, idle ends."""
+    rng = np.random.default_rng(1)
+    time = 2e-3 * np.arange(4000)
+    moving = np.clip(time - 2.0, 0.0, 4.0)
+    angle = np.stack([1.0 - np.cos(2.0 * moving), np.sin(3.0 * moving)], axis=1)
+    torque = np.repeat(rng.normal(size=(400, 2)), 10, axis=0)
+    stamps = time + rng.uniform(-2e-4, 2e-4, size=len(time))
+    stamps[1500], stamps[1510] = stamps[1499], stamps[1508]
+    rows = np.column_stack([stamps, np.round(angle / 4e-4) * 4e-4, torque])
+    text = table(columns=[np.delete(rows, slice(2000, 2100), axis=0)])
+    first, second = read_log(written(tmp_path, text))
+    for phrase in ("2 stamp(s) do not increase", "1 gap(s) in time of more than 20 ms: 2 part(s)", "resampled",
+                   "idle ends are cut off: 1.", "idle ends are cut off: 0 s and 1."):  # fmt: skip
+        assert any(phrase in remark for remark in first.remarks), (phrase, first.remarks)
+    assert (first.name, second.name, second.remarks) == ("log.csv", "log.csv, part 2", ())
+    for log in (first, second):
+        begins = np.arange(0.0, time[-1] - log.duration, 1e-4)[:, np.newaxis]
+        at = begins + log.period * np.arange(0, len(log.angle), 50)
+        errors = [np.interp(at, time, one) - read for one, read in zip(angle.T, log.angle[::50].T, strict=True)]
+        assert np.abs(errors).max(axis=(0, 2)).min() < 4e-3
+
+
+def test_a_gear_a_delay_and_units_are_those_that_are_given(tmp_path):
+    path = written(
+        tmp_path, table("time,q1,q2,tau1,tau2", columns=[TIME, 60.0 * ANGLE / 2 / np.pi, TORQUE / 60.0 / 0.12])
+    )
+    (log,) = read_log(path, units={"q": "rev", "tau": 0.12}, gear=(60.0,))
+    np.testing.assert_allclose(log.angle, ANGLE, atol=1e-8)
+    np.testing.assert_allclose(log.torque, TORQUE, atol=1e-8)
+    (late,) = read_log(path, units={"q": "rev", "tau": "0.12"}, gear=(60.0, 60.0), delay=0.01)
+    np.testing.assert_allclose(late.torque[:-5], TORQUE[5:], atol=1e-7)
+
+
+def test_velocities_that_are_no_slopes_are_not_used(tmp_path):
+    text = table("time,q1,q2,dq1,dq2,tau1,tau2", columns=[TIME, ANGLE, SPEED * [1.0, -1.0], TORQUE])
+    (log,) = read_log(written(tmp_path, text))
+    assert log.velocity is None and "velocities of joint 2 are -1 times the slopes" in log.remarks[0]
+
+
+def zipped(content):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("time.npy", content)
+    return file.getvalue()
+
+
+def pickled():
+    file = io.BytesIO()
+    np.save(file, np.array([print, None], dtype=object), allow_pickle=True)
+    return file.getvalue()
+
+
+SHORT = "\n".join(ROWS[:99])
+FAR = [1e3 + 5e11 * np.arange(COUNT), ANGLE, TORQUE]
+REFUSED = [
+    ("log.csv", "", "it is empty; needed: a heading such as time,q1,q2,tau1,tau2"),
+    ("log.csv", "\n" * 900, "it is empty"),
+    ("log.csv", SHORT, "98 samples without a gap in time (of more than 20 ms); needed: 100 or more"),
+    ("log.csv", "1\n2\n3\n" * 200, "neither comma, semicolon, tab nor space divides its lines into 3 or more columns"),
+    ("log.csv", bytes(range(256)) * 40, "it is no text; logs are read from CSV"),
+    (
+        "log.csv",
+        table(""),
+        "known to be time, q1, tau1 in 5 columns without a heading; name them, or their numbers: --col",
+    ),
+    ("log.csv", table("time,q1,q2,tau1,current2"), "known to be tau2 among time, q1, q2, tau1, current2; name them"),
+    ("log.csv", table("a,b,c,d,e"), "no column is known to be time, q1, tau1 among a, b, c, d, e"),
+    ("log.csv", table("time,q1,q2,tau1"), "its lines have 5 cells, its heading time,q1,q2,tau1 has 4"),
+    ("log.csv", table(mark=","), "cells, its heading time,q1,q2,tau1,tau2 has 5; numbers with a decimal comma need"),
+    ("log.csv", table("time,q1,q1,tau1,tau2"), "columns q1, q1 may each be q1; choose: --columns q1=NAME"),
+    (
+        "log.csv",
+        table("time,q1 [furlong],q2 [furlong],tau1,tau2"),
+        "the unit furlong of q is unknown; give one, or its",
+    ),
+    ("log.csv", table("time,q1 [deg],q2 [rad],tau1,tau2"), "columns q1, q2 have several units"),
+    ("log.csv", table(columns=[0.0 * TIME, ANGLE, TORQUE]), "the stamps in its column of time never increase; choose"),
+    ("log.csv", table(columns=FAR), "the median step in time is 5e+11, which fits no"),
+    (
+        "log.csv",
+        table(columns=[TIME, ANGLE * [np.nan, 1.0], TORQUE]),
+        "column q1 holds no numbers; choose another with",
+    ),
+    ("log.csv", table(columns=[TIME, 1e300 * ANGLE, TORQUE]), "angle holds a number of size"),
+    ("log.npy", pickled(), "is damaged (arrays of object are not read)"),
+    ("log.npz", zipped(pickled()), "is damaged (arrays of object are not read)"),
+    ("log.npz", b"PK\x03\x04" + bytes(100), "is damaged"),
+    ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(range(200)), "it is no MATLAB file, or a damaged one"),
+    (
+        "log.mat",
+        b"\x89HDF\r\n\x1a\n" + bytes(200),
+        "a MATLAB file of version 7.3; save it with: save('log.mat', '-v7',",
+    ),
+    ("log.mcap", bytes(range(256)), "it is no ROS 2 bag, or a damaged one"),
+    ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is no ROS 2 bag, or a damaged one"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "message"), REFUSED)
+def test_what_cannot_be_read_says_why_and_what_to_do(name, content, message, tmp_path, capsys):
+    path = written(tmp_path, content, name)
+    assert main(["identify", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and err.startswith(f"fuzzyarm identify: {path}: ".rstrip(": "))
+    assert message.replace("'", "") in err.replace("'", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"columns": {"q0": "q1"}}, "columns has q0; allowed: time, q1, dq1"),
+        ({"columns": {"q1": "hip"}}, "column hip for q1 is not there; columns: time, q1"),
+        ({"columns": {"q1": "tau1"}}, "q1 and tau1 are the same column tau1"),
+        ({"units": {"angle": "deg"}}, "a key of units = angle is unknown; choose from: time, q, dq, tau"),
+        ({"units": {"q": 0.0}}, "unit of q = 0.0 is out of range"),
+        ({"gear": (1.0, 2.0, 3.0)}, "gear has 3 ratios; allowed: one, or one for each of 2 joints"),
+        ({"delay": 2.0}, "delay = 2.0 s is out of range"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options, message, tmp_path):
+    with pytest.raises(ValueError) as caught:
+        read_log(written(tmp_path, table()), **options)
+    assert message in str(caught.value).replace("'", "")
+
+
+FOLDER = os.environ.get("FUZZYARM_REAL_LOGS", "")
+
+
+@pytest.mark.skipif(not FOLDER, reason="FUZZYARM_REAL_LOGS does not name the folder of the recorded logs")
+def test_recorded_logs_of_a_robot_are_read():
+    """Four excerpts of the logs of github.com/dfki-ric-underactuated-lab/double_pendulum."""
+    found = {path.name: read_log(path) for path in sorted(Path(FOLDER).glob("design_*.csv"))}
+    assert {name: [len(log.angle) for log in logs] for name, logs in found.items()} == {
+        "design_A0_060329.csv": [1998],
+        "design_A0_061157.csv": [1201],
+        "design_C1_143601.csv": [1750],
+        "design_C1_154548.csv": [2682],
+    }
