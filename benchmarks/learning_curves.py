@@ -31,7 +31,7 @@ from fuzzyarm.policies._sb3 import sb3_policy
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 SEEDS = range(5)
-PPO_STEPS, SAC_STEPS, SECONDS = 150_000, 100_000, 600.0
+PPO_STEPS, SAC_STEPS = 150_000, 100_000
 Curve = list[tuple[float, float, float]]  # processor time [s], steps, tip error [mm]
 
 
@@ -93,7 +93,8 @@ def by_trainer(seed: int, folder: Path, curve: Curve) -> Any:
 LEARNERS = {
     "PPO of stable-baselines3, defaults": of_sb3("PPO", 64, PPO_STEPS),
     "SAC of stable-baselines3, defaults": of_sb3("SAC", 16, SAC_STEPS),
-    "PPO in one file": of_example("ppo_one_file", SECONDS),
+    "PPO in one file, two minutes": of_example("ppo_one_file", 120.0),
+    "PPO in one file, ten minutes": of_example("ppo_one_file", 600.0),
     "PPO of stable-baselines3, tuned": of_example("sb3_tuned", 120.0),
     "fuzzyarm train ppo": by_trainer,
 }
@@ -120,14 +121,14 @@ def measured(learner: str, seed: int) -> dict[str, Any]:
 
 def draw(document: dict[str, Any]) -> Figure:
     """Return the figure: the tip error over the time of one core, a panel for each learner, a line for each seed."""
-    figure = Figure(figsize=(9.0, 2.8), layout="constrained")
+    figure = Figure(figsize=(10.0, 2.8), layout="constrained")
     panels = figure.subplots(1, len(document["runs"]), sharey=True)
     for panel, (learner, runs) in zip(panels, document["runs"].items(), strict=True):
         for run in runs:
             seconds, _, error = zip(*run["curve"], strict=True)
             panel.semilogy(seconds, error, linewidth=1.0)
         panel.set(xlabel="time of one core [s]")
-        panel.set_title(learner.replace(" of ", "\n"), fontsize="small")
+        panel.set_title(learner.replace(" of ", "\n").replace(", ", "\n"), fontsize="x-small")
     panels[0].set_yticks((1, 3, 10, 30, 100), labels=("1", "3", "10", "30", "100"))
     panels[0].minorticks_off()
     panels[0].set_ylabel("tip error in training [mm]")
