@@ -107,7 +107,7 @@ def _learners(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _spread(name: str, form: str) -> Callable[[dict[str, Any]], str]:
-    """Return the cell that lists the numbers of five seeds."""
+    """Return the cell that lists the numbers of the seeds."""
     return lambda row: ", ".join(form.format(value) for value in row[name])
 
 
@@ -136,7 +136,7 @@ TOOLS = {
                 "learner": "{learner}",
                 "steps": "{steps:,.0f}",
                 "time of one core [s]": "{seconds:.0f}",
-                "N of five seeds": _spread("N", "{:.1f}"),
+                "N of each seed": _spread("N", "{:.1f}"),
                 "90 % quantile of the rms [mm]": _spread("q90_mm", "{:.3g}"),
                 "rms in Cases 1, 2, 3, median [mm]": "{cases}",
             },

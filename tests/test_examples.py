@@ -93,6 +93,7 @@ def test_they_learn(script, words, first, last, run, tmp_path):
     [
         ("train_sb3.py", ("2048", "--out"), "sb3:model.zip"),
         ("ppo_one_file.py", ("--minutes", "0.01", "--out"), "model"),
+        ("sb3_tuned.py", ("--minutes", "0.01", "--out"), "model"),
     ],
 )
 def test_what_the_learning_examples_write_is_a_policy(script, words, name, run, tmp_path):

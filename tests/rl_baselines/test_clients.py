@@ -36,6 +36,23 @@ def test_the_wrappers_that_cleanrl_puts_around_an_environment_take_it():
     assert ended >= 1
 
 
+def test_the_loop_of_cleanrl_finds_the_ended_episodes_of_the_batch():
+    envs = gym.wrappers.vector.RecordEpisodeStatistics(gym.make_vec("fuzzyarm:FuzzyArmLearn-v0", num_envs=4))
+    envs.action_space.seed(0)
+    envs.reset(seed=0)
+    returns, earned, ended = [], np.zeros(4), []
+    for _ in range(100):
+        _, reward, terminated, truncated, infos = envs.step(envs.action_space.sample())
+        earned += reward
+        if "final_info" in infos:
+            over = np.nonzero(infos["_episode"])[0]
+            assert over.tolist() == np.nonzero(terminated | truncated)[0].tolist()
+            returns += infos["episode"]["r"][over].tolist()
+            ended += earned[over].tolist()
+            earned[over] = 0.0
+    assert ended and returns == pytest.approx(ended, rel=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", [None, "SameStep", "Disabled"])
 def test_torchrl_finds_nothing_wrong(mode):
