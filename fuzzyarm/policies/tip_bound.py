@@ -75,7 +75,10 @@ class TipClaim:
 
     def __post_init__(self) -> None:
         """Check every field except the names of policy and case; ValueError names the field and allowed values."""
-        for name, kind in (("policy", str), ("case", str), ("set_name", str), ("plants", PlantSet)):
+        kinds: dict[str, type] = {"policy": str, "case": str, "set_name": str, "plants": PlantSet}
+        own: dict[str, type] = {"start": StartBox, "arm": ArmParameters, "points": GivenPath}
+        kinds |= {name: kind for name, kind in own.items() if getattr(self, name) is not None}
+        for name, kind in kinds.items():
             instance(name, getattr(self, name), kind)
         object.__setattr__(self, "set_name", self.set_name or _known(self.plants) or "own")
         check_set_name(self.set_name, self.plants)
@@ -83,9 +86,6 @@ class TipClaim:
         real("duration", self.duration, "s", low=PERIOD, high=LONGEST)
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=self.samples)
-        for name, kind in (("start", StartBox), ("arm", ArmParameters), ("points", GivenPath)):
-            if getattr(self, name) is not None:
-                instance(name, getattr(self, name), kind)
         if choice("laps", self.laps, ("one", "ever")) == "ever" and self.steps is not None:
             raise ValueError(f"steps = {self.steps}: laps for ever are whole; leave out one of the two")
 
@@ -176,17 +176,23 @@ class TipBound(Lap):
         c, (lap, sample) = self.claim, self.worst()
         about = {"policy": c.policy, "case": c.case, "set": c.named_set(self.arm), "path": c.path}
         found = {"duration": c.duration, "proven": True, "bound": self.largest, "lap": lap, "sample": sample}
-        found["laps"] = [float(one.whole.max()) for one in self.all_laps]
-        return {**about, **found, "samples": len(self.tip), "spent": self.spent(), "seconds": self.seconds}
+        laps = [float(one.whole.max()) for one in self.all_laps]
+        return {
+            **about,
+            **found,
+            "laps": laps,
+            "samples": len(self.tip),
+            "spent": self.spent(),
+            "seconds": self.seconds,
+        }
 
     def to_text(self) -> str:
         """Return the result as text."""
         c, found = self.claim, self.to_dict()
         small = 1e-3 * self.largest
         parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in found["spent"].items() if x > small)
-        laps = [f"{'every later lap' if one is self.later[-1] else f'lap {n}'} {at_most(1e3 * one.whole.max(), 4)}"
-                for n, one in enumerate(self.all_laps, 1)] if self.later else []  # fmt: skip
-        within = f"\n  at most, in mm: {', '.join(laps)}" if laps else ""
+        laps = [f"lap {n} {at_most(1e3 * x, 4)}" for n, x in enumerate(found["laps"], 1)]
+        within = f"\n  at most, in mm: {', '.join(laps)} and all later ones" if self.later else ""
         return (
             f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for set {found['set']} "
             f"({arm_in_words(self.arm)})\n  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s{within}\n"
@@ -207,7 +213,8 @@ def arm_in_words(arm: ArmParameters) -> str:
 
 
 def own_duration(policy: str, arm: ArmParameters | None, path: str, points: GivenPath | None) -> float:
-    """Return the duration [s] that `fuzzyarm evaluate` gives the motion of a policy's arm, 1.5 s for the circle of Table 1."""
+    """Return the duration [s] of the motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
+    choice("path", path, PATHS)
     arm = two_joint_arm(load_policy(policy, control_period=PERIOD, robot=arm))
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration
 
@@ -239,7 +246,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     law = SampledLaw(policy, references)
     if claim.laps == "ever" and not law.repeats(schedule.steps):
-        raise NoBound("the law remembers of the references of a lap more than those of the next one tell it")
+        raise NoBound("the second lap of the law's references is not like the third: it remembers those before")
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     if claim.start is not None:
@@ -278,7 +285,8 @@ def find_bound(
             break
         last = start is not None and (claims is None or number == len(claims))
         after = start if last else None if claims is None else claims[number].begin
-        filled = math.inf if after is None else tube.state.filled(after)
+        with np.errstate(all="ignore"):
+            filled = math.inf if after is None else tube.state.filled(after)
         if claims is not None and not filled <= 1.0:
             raise NoBound(
                 f"{name}: the end of lap {number} is not in the set in which the next begins: {filled:.4g} of 1"

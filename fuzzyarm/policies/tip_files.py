@@ -6,26 +6,28 @@ shortest decimal that identifies it, so it is read back exactly. Fields of both:
     schema          fuzzyarm-tip-bound/2, of cells fuzzyarm-tip-cells/3
     policy, case    names
     arm             fields of `ArmParameters` for which the policy is loaded; null: those that its name stands for
-    set_name        a label; plants: fields of `PlantSet`
-    path            name of the path; points: fields of `GivenPath`, in its place, or null
+    set_name        a label
+    plants          fields of `PlantSet`
+    path            name of the path
+    points          fields of `GivenPath`, a path in its place, or null
     duration        of the motion [s], one lap of N = ceil(duration / T) control steps, T = 1 ms
-    start           fields of `StartBox`, the box about the environment's start in which the first lap begins; null: at it
-    laps            "one"; or "ever": the motion and its case are repeated, and sample N of a lap is sample 0 of the next
+    start           fields of `StartBox`, a box about the environment's start in which the first lap begins; null: none
+    laps            "one"; or "ever": motion and case are repeated, and sample N of a lap is sample 0 of the next
     bound           of the tip error at every instant of all laps [m]
 
 of a single bound:
 
     files           SHA-256 of the policy's files, by name
-    tip             bounds of the tip error at the end of each control step of the first lap [m]; fewer than N: of the first
-    whole           the same at every instant of the step, its ends included [m]
-    steps           of each step its segments: duration [s], modes and plans of both motors, angles (4, 8) [rad], the
-                    coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2, its state (8,) at the end, and the tube (18,)
-    later           with laps "ever" one or more laps: `tip`, `whole` and `steps` as above, and `begin`, the set
-                    x = c + C π + G g in which the lap begins, |g_i| <= 1, π: the factors of the uncertain constants. x are
-                    θ, q, θ̇, q̇ (8), the numbers of the policy's memory that depend on what it measured, and with late torques
-                    the one that acts next (2). `begin` has centre (8,), memory (m,) and waiting (0 or 2,), which are c,
-                    constants C and columns G, both lists of columns. The end of each lap lies in the set of the
-                    next, that of the last one in its own: its bounds hold in all laps that follow
+    tip             bounds of the tip error at the end of control steps 1 to n <= N of the first lap [m]
+    whole           the same at every instant of each step, its ends included [m]
+    steps           of each step its segments: duration [s]; modes and plans of both motors; angles (4, 8) [rad], the
+                    coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2; end (8,), its state there; tube (18,)
+    later           with laps "ever" one or more laps: `tip`, `whole` and `steps` as above, n = N; and `begin`, the set
+                    x = c + C π + G g in which the lap begins, |g_i| <= 1, π: the factors of the uncertain constants.
+                    x are θ, q, θ̇, q̇ (8); the numbers of the policy's memory that depend on what it measured (m); and
+                    with late torques the one that acts next (2). `begin` has c as centre (8,), memory (m,) and waiting
+                    (0 or 2,), C as constants and G as columns, both lists of columns. The end of each lap lies in the
+                    set of the next, that of the last one in its own: its bounds hold in all laps that follow
 
 and of cells: `samples`, the number of steps of the first lap that are bounded, and `cells`, the names of their files.
 """
@@ -53,8 +55,15 @@ from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.policies.tip_bound import (
-    PERIOD, LapClaim, TipBound, TipClaim, arm_in_words, find_bound, plain, two_joint_arm,
-)  # fmt: skip
+    PERIOD,
+    LapClaim,
+    TipBound,
+    TipClaim,
+    arm_in_words,
+    find_bound,
+    plain,
+    two_joint_arm,
+)
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan
@@ -101,7 +110,7 @@ class _Begin:
         parts = (*start[:3], start.constants.T, start.columns.T)
         return cls(*(part.tolist() for part in parts))
 
-    def set(self) -> LapSet:
+    def checked(self) -> LapSet:
         """Return the checked set."""
         point = [
             finite_array(name, getattr(self, name), (len(getattr(self, name)),), largest=_LARGEST) for name in _POINT
@@ -116,7 +125,10 @@ class _Begin:
             )
             for name in ("constants", "columns")
         )
-        return LapSet(*point, constants.T, columns.T)
+        if len(columns) < numbers:
+            raise ValueError(f"a set of {numbers} numbers has {len(columns)} columns; needed: {numbers} or more")
+        centre, memory, waiting = point
+        return LapSet(centre, memory, waiting, constants.T, columns.T)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,12 +173,12 @@ class _Claimed:
         plants = record(self.plants, PlantSet)
         if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
             check_set_name(self.set_name, plants)
-        parts = {
+        parts: dict[str, Any] = {
             name: None if (at := getattr(self, name)) is None else record(at, kind) for name, kind in _RECORDS.items()
         }
         claim = TipClaim(
             self.policy, self.case, plants=plants, path=self.path, duration=self.duration, laps=self.laps, **parts
-        )  # type: ignore[arg-type]
+        )
         return dataclasses.replace(claim, steps=None if samples == claim.samples else samples)
 
 
@@ -239,7 +251,11 @@ class BoundCheck:
 def save_bound(bound: TipBound, path: Path) -> None:
     """Write the file of a proven bound, atomically."""
     c, path = instance("bound", bound, TipBound).claim, path_of("path", path)
-    later = [_Lap(_Begin.of(lap.begin), lap.tip.tolist(), lap.whole.tolist(), _parts(lap.steps)) for lap in bound.later]
+    later = [
+        _Lap(_Begin.of(lap.begin), lap.tip.tolist(), lap.whole.tolist(), _parts(lap.steps))
+        for lap in bound.later
+        if lap.begin is not None
+    ]
     document = _Document.of(
         c, schema=_SCHEMA, bound=bound.largest, files=resolve(c.policy).files(), tip=bound.tip.tolist(),
         whole=bound.whole.tolist(), steps=_parts(bound.steps), later=later,
@@ -310,12 +326,12 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
     try:
         document = record(check_schema(content, _SCHEMA), _Document)
         claim = document.claim(len(document.tip))
-        bounds = [_claimed_bounds(lap) for lap in (document, *document.later)]
+        bounds = [_claimed_bounds(document), *map(_claimed_bounds, document.later)]
         if resolve(document.policy).files() != document.files:
             raise ValueError(f"policy {document.policy} has changed since the bound was found")
         claims = [LapClaim([[_claimed(part) for part in step] for step in document.steps])]
         claims += [
-            LapClaim([[_claimed(p) for p in step] for step in lap.steps], lap.begin.set()) for lap in document.later
+            LapClaim([[_claimed(p) for p in step] for step in lap.steps], lap.begin.checked()) for lap in document.later
         ]
         policy = load_policy(claim.policy, control_period=PERIOD, robot=claim.arm)
     except (TypeError, ValueError) as error:

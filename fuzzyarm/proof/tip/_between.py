@@ -44,10 +44,11 @@ def between_samples(
     for segment, closed in zip(segments, tube, strict=True):
         links = PeriodMotion(segment.angles, segment.duration).link_ranges
         rows = (closed.tube[kind].tolist() for kind in (ROWS.link, ROWS.d_link, ROWS.link_acceleration))
-        wide = (
+        q, dq, ddq = (
             [x + arb(0.0, r) for x, r in zip(kind, radii, strict=True)] for kind, radii in zip(links, rows, strict=True)
         )
-        sizes.append(math.hypot(*(largest(a - b) for a, b in zip(_tip_acceleration(*wide, arm), wanted, strict=True))))
+        found = _tip_acceleration(q, dq, ddq, arm)
+        sizes.append(math.hypot(*(largest(a - b) for a, b in zip(found, wanted, strict=True))))
     return period**2 / 8.0 * max(sizes) * ROUND_UP**4
 
 
@@ -79,9 +80,8 @@ def _derivatives(path: TipPath, s: Any) -> tuple[Sequence[Any], Sequence[Any]]:
     if isinstance(path, Spline):
         knots, coefficients = path.polynomials
         low, high = low_high(s)
-        pieces = range(
-            *np.clip(np.searchsorted(knots, [low, high]) + [-1, 0], [0, 1], [len(knots) - 2, len(knots) - 1])
-        )
+        first = min(max(int(np.searchsorted(knots, low)) - 1, 0), len(knots) - 2)
+        pieces = range(first, max(min(int(np.searchsorted(knots, high)), len(knots) - 1), first + 1))
         found = [_on_piece(coefficients[:, i], s - knots[i]) for i in pieces]
         return tuple([_joined(parts) for parts in zip(*kind, strict=True)] for kind in zip(*found, strict=True))  # type: ignore[return-value]
     _, first, second = path.points(np.array([s], dtype=object))

@@ -10,11 +10,15 @@ next one begins, the bounds of both laps hold one after the other; if it lies in
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_json, read_toml, record
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.proof.tip.enclosures import SLACK
 from fuzzyarm.proof.tip.transition import ROWS, STATES
@@ -25,8 +29,9 @@ __all__ = ["LapSet", "StartBox"]
 _Width = float | tuple[float, float]  # of both joints, or of each
 _UNITS = {"angle": "rad", "bending": "rad", "velocity": "rad/s", "bending_velocity": "rad/s"}
 _WIDEST = 1e3  # half a width, in its unit
-_KEPT = 600  # columns of the end of a lap that stay apart in the set around it
-_ROOM = 1.02  # by which that set is larger
+_KEPT = 1500  # columns of the end of a lap that stay apart in the set around it
+_NARROW = 1e-6  # totals below which none does: such a set is far below any bound of interest
+_ROOM, _WIDE_ROOM = 1.005, 1.5  # by which that set is larger, with columns that stay apart and without
 _LEAST = 1e-11, 1e-11, 1e-10, 1e-10  # reach of it in θ, q [rad], θ̇ and q̇ [rad/s]; of other numbers see `around`
 _ALIKE = 0.9  # cosine of columns from which one is taken as a multiple of the other
 
@@ -51,6 +56,25 @@ class StartBox:
             else:
                 widths = checks.real(name, given, unit, low=0.0, high=_WIDEST)
             object.__setattr__(self, name, widths)
+
+    @classmethod
+    def of(cls, words: Sequence[str]) -> StartBox:
+        """Return the box of a TOML or JSON file of the fields, or of one number for each."""
+        if len(words) == len(dataclasses.fields(cls)):
+            try:
+                return cls(*map(float, words))
+            except ValueError as error:
+                raise ValueError(f"start: {error}") from None
+        path = Path(words[0])
+        if len(words) > 1 or path.suffix not in (".toml", ".json"):
+            names = ", ".join(field.name for field in dataclasses.fields(cls))
+            raise ValueError(
+                f"start = {checks.shown(' '.join(words))} must be a .toml or .json file, or numbers: {names}"
+            )
+        try:
+            return record(read_toml(path) if path.suffix == ".toml" else read_json(path), cls)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from None
 
     def in_words(self) -> str:
         """Return the widths that are not zero: "angle ± 0.0005 rad, ..."."""
@@ -87,22 +111,20 @@ class LapSet(NamedTuple):
 
     @classmethod
     def around(cls, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> LapSet:
-        """Return a set that is larger than the end of a lap: the point (c of the three kinds) and the deviations from it.
+        """Return a set that is larger than the end of a lap, with the point (c of three kinds) and deviations from it.
 
         Its columns are the largest ones of the deviations, and a parallelepiped that holds all others.
         """
         constants, others = _parted(deviations)
         totals = deviations.totals()
-        least = np.concatenate([np.repeat(_LEAST, JOINTS), _ROOM * 1e-3 * totals[STATES:] + 1e-13])
-        units = totals + least
-        order = np.argsort((1.0 / units) @ np.abs(others))
-        kept, rest = others[:, order[len(order) - min(_KEPT, len(order)) :]], others[:, order[: -_KEPT or None]]
-        if len(order) <= _KEPT:
-            rest = np.zeros((len(units), 0))
+        apart, room = (_KEPT, _ROOM) if totals.max() > _NARROW else (0, _WIDE_ROOM)
+        least = np.concatenate([np.repeat(_LEAST, JOINTS), 1e-3 * totals[STATES:] + 1e-13])
+        order = np.argsort((1.0 / (totals + least)) @ -np.abs(others), kind="stable")
+        kept, rest = others[:, order[:apart]], others[:, order[apart:]]
         block, missed = merged(np.hstack([rest, np.diag(deviations.box + least)]))
-        room = (_ROOM - 1.0) * np.abs(np.linalg.solve(block, kept)).sum(axis=1)
-        block = block * (_ROOM + room + np.abs(np.linalg.inv(block)) @ missed)
-        return cls(*point, constants, np.hstack([_ROOM * kept, block]))
+        W = np.abs(np.linalg.inv(block))
+        block = block * (room + (room - 1.0) * (W @ np.abs(kept)).max(axis=1) + W @ missed)
+        return cls(*point, constants, np.hstack([room * kept, block]))
 
     def deviations(self) -> Zonotope:
         """Return C π + G g as a zonotope; its columns come from no source but the start."""
@@ -121,9 +143,14 @@ class LapSet(NamedTuple):
         """
         numbers, block = len(self.columns), self.columns[:, -len(self.columns) :]
         constants, others = _parted(deviations)
+        if [*map(np.shape, self[:4]), numbers] != [*map(np.shape, (*point, constants)), len(others)]:
+            return math.inf
         shift = np.concatenate(point)[:, np.newaxis] - np.concatenate(self[:3])[:, np.newaxis]
         kept, factors, rest = _shared(self.columns[:, :-numbers], others)
-        W = np.linalg.inv(block)
+        try:
+            W = np.linalg.inv(block)
+        except np.linalg.LinAlgError:
+            return math.inf
         sizes = np.abs(kept) @ np.abs(factors) + 2.0 * np.abs(others).sum(axis=1)
         columns = np.hstack([shift, constants - self.constants, rest])
         sizes += np.abs(columns[:, : 1 + constants.shape[1]]).sum(axis=1) + deviations.box
@@ -131,7 +158,7 @@ class LapSet(NamedTuple):
         error = np.abs(np.eye(numbers) - W @ block) + 4.0 * SLACK * np.abs(W) @ np.abs(block)
         left = 1.0 - error.sum(axis=1).max()
         if not left > 0.5:
-            return float("inf")
+            return math.inf
         own = (image + error.sum(axis=1) * image.max() / left) * (1.0 + 4.0 * SLACK)
         return float(max(own.max(), np.abs(factors).max(initial=0.0)))
 
