@@ -70,8 +70,7 @@ class Options:
             if self.cells is not None:
                 found, text = _by_cells(self, claim)
             else:
-                laps = 1 if self.laps == "one" else 2
-                with progress("proving", laps * problem_of(claim).schedule.steps) as advance:
+                with progress("proving", None if self.laps == "ever" else problem_of(claim).schedule.steps) as advance:
                     bound = find_bound(claim, advance)
                 if self.out is not None:
                     save_bound(bound, self.out)

@@ -122,8 +122,8 @@ class LapSet(NamedTuple):
         order = np.argsort((1.0 / (totals + least)) @ -np.abs(others), kind="stable")
         kept, rest = others[:, order[:apart]], others[:, order[apart:]]
         block, missed = merged(np.hstack([rest, np.diag(deviations.box + least)]))
-        W = np.abs(np.linalg.inv(block))
-        block = block * (room + (room - 1.0) * (W @ np.abs(kept)).max(axis=1) + W @ missed)
+        W = np.linalg.inv(block)
+        block = block * (room + (room - 1.0) * reach(W, kept) + np.abs(W) @ missed)
         return cls(*point, constants, np.hstack([room * kept, block]))
 
     def deviations(self) -> Zonotope:
@@ -180,7 +180,7 @@ def _shared(kept: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarr
     a, b = kept / units[:, np.newaxis], columns / units[:, np.newaxis]
     long, wide = np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0)
     rest, factors, used = columns.copy(), np.zeros(kept.shape[1]), np.zeros(columns.shape[1], dtype=bool)
-    for i in np.argsort(-long):
+    for i in np.argsort(-long)[: np.count_nonzero(long)]:
         products = a[:, i] @ b
         distance = np.linalg.norm(b - a[:, [i]] * np.clip(products / long[i] ** 2, -1, 1), axis=0)
         gain = np.where(used, -1.0, wide - distance)
