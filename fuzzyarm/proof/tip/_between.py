@@ -4,7 +4,7 @@ For e(t) = p(q(t)) - p_r(t) and t in [0, T], linear interpolation errs by at mos
 
     |e(t)| <= max(|e(0)|, |e(T)|) + T²/8 sup |ë|,
 
-because q̇ is absolutely continuous and q̈ essentially bounded on a tube. Both p̈(q) and p̈_r are taken on balls.
+because q̇ is absolutely continuous and q̈ essentially bounded on a tube. p̈(q) and p̈_r are evaluated on balls.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from fuzzyarm.proof.tip.transition import ROWS
 
 __all__ = ["between_samples"]
 
+_PARTS = 4  # of a segment, each with balls of its own
 _CLOCK = 1e-14  # relative: largest error of a sample's instant in floats
 
 
@@ -39,16 +40,19 @@ def between_samples(
     arm: Arm,
 ) -> float:
     """Return T²/8 sup |ë| [m] on a period that begins at `begin` [s] and has these segments, with their tube."""
-    wanted = _wanted(reference, begin, period)
-    sizes = []
+    sizes, now = [], begin
     for segment, closed in zip(segments, tube, strict=True):
-        links = PeriodMotion(segment.angles, segment.duration).link_ranges
-        rows = (closed.tube[kind].tolist() for kind in (ROWS.link, ROWS.d_link, ROWS.link_acceleration))
-        q, dq, ddq = (
-            [x + arb(0.0, r) for x, r in zip(kind, radii, strict=True)] for kind, radii in zip(links, rows, strict=True)
-        )
-        found = _tip_acceleration(q, dq, ddq, arm)
-        sizes.append(math.hypot(*(largest(a - b) for a, b in zip(found, wanted, strict=True))))
+        motion, part = PeriodMotion(segment.angles, segment.duration), segment.duration / _PARTS
+        rows = [closed.tube[kind].tolist() for kind in (ROWS.link, ROWS.d_link, ROWS.link_acceleration)]
+        for i in range(_PARTS):
+            s = between(2.0 * i / _PARTS - 1.0, 2.0 * (i + 1) / _PARTS - 1.0)
+            q, dq, ddq = (
+                [signal.at(s) + arb(0.0, radius) for signal, radius in zip(kind, radii, strict=True)]
+                for kind, radii in zip(motion.links, rows, strict=True)
+            )
+            found, wanted = _tip_acceleration(q, dq, ddq, arm), _wanted(reference, now + i * part, part)
+            sizes.append(math.hypot(*(largest(a - b) for a, b in zip(found, wanted, strict=True))))
+        now += segment.duration
     return period**2 / 8.0 * max(sizes) * ROUND_UP**4
 
 
