@@ -1,4 +1,4 @@
-"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample."""
+"""The tube along a motion: sample, hold, next sample; and the bound of the tip error."""
 
 from __future__ import annotations
 
