@@ -52,7 +52,7 @@ class StartBox:
             if isinstance(given, tuple | list):
                 count = JOINTS if name in _UNITS else len(given)
                 widths: Any = checks.reals(name, given, count, unit, low=0.0, high=_WIDEST)
-                widths = widths[0] if len(set(widths)) == 1 else widths
+                widths = widths[0] if name in _UNITS and len(set(widths)) == 1 else widths
             else:
                 widths = checks.real(name, given, unit, low=0.0, high=_WIDEST)
             object.__setattr__(self, name, widths)
