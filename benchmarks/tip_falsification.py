@@ -85,12 +85,12 @@ def exactly(bound: TipBound, genes: np.ndarray) -> float | None:
 def tried(claim: TipClaim, lanes: int) -> dict[str, Any]:
     """Return the row of a claim."""
     bound, rng, by_generation = find_bound(claim), np.random.default_rng(1), list[float]()
-    genes = random_genes(lanes, rng)
-    for _ in range(1 + GENERATIONS):
-        genes = bred(genes, found, rng) if by_generation else genes
+    genes = worst = random_genes(lanes, rng)
+    for generation in range(1 + GENERATIONS):
         found = ratios(bound, genes)
         by_generation.append(float(found.max()))
-        worst = genes[:, [int(found.argmax())]] if by_generation[-1] == max(by_generation) else worst
+        worst = genes[:, [int(found.argmax())]] if by_generation.index(max(by_generation)) == generation else worst
+        genes = bred(genes, found, rng)
     named = {"policy": claim.policy, "case": claim.case, "set": set_of(claim), "plants": lanes * (1 + GENERATIONS)}
     ratio = {"largest_ratio": max(by_generation), "by_generation": by_generation}
     return named | ratio | {"event_by_event": exactly(bound, worst), **made_now()}

@@ -86,7 +86,7 @@ class Plants:
         return self._static * np.choose(self._kind, [waves, along, -along, np.sign(waves + 0.5 * along)])
 
     def tip_errors(self, laps: int = 1) -> np.ndarray:
-        """Return the tip error (samples of all laps, lanes) [m]; plants begin at random corners of the box of starts."""
+        """Return the tip error (samples of all laps, lanes) [m] from random corners of the box of starts."""
         problem, plants, lanes = self.problem, self.claim.plants, self.lanes
         policy, table = load_policy(self.claim.policy), problem.schedule
         state, memory = np.repeat(problem.start[:, np.newaxis], lanes, axis=1), np.zeros((lanes, policy.memory_size))

@@ -21,7 +21,7 @@ of a single bound:
     tip             bounds of the tip error at the end of control steps 1 to n <= N of the first lap [m]
     whole           the same at every instant of each step, its ends included [m]
     steps           of each step its segments: duration [s]; modes and plans of both motors; angles (4, 8) [rad], the
-                    coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2; end (8,), its last state; tube (18,)
+                    coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2; end (8,), its end; tube (18,)
     later           with laps "ever" one or more laps: `tip`, `whole` and `steps` as above, n = N; and `begin`, the set
                     x = c + C π + G g in which the lap begins, |g_i| <= 1, π: the factors of the uncertain constants.
                     x are θ, q, θ̇, q̇ (8); the numbers of the policy's memory that depend on what it measured (m); and

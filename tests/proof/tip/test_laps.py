@@ -1,4 +1,4 @@
-"""Sets of starts and laps for ever: containment is decided rightly, forged sets are refused, no simulated lap leaves."""
+"""Sets of starts and laps for ever: containment is decided rightly, and forged sets are refused."""
 
 import dataclasses
 import json
@@ -96,7 +96,7 @@ def test_a_box_is_read_said_and_spanned(tmp_path):
         "angle = 5e-4\nbending = [2e-5, 5e-5]\nvelocity = 0.01\nbending_velocity = 0.01\nmemory = 2e-5\n"
     )
     assert StartBox.of([str(tmp_path / "box.toml")]) == BOX
-    assert StartBox.of("5e-4 2e-5 0.01 0.01 2e-5".split()) == dataclasses.replace(BOX, bending=2e-5)
+    assert StartBox.of(["5e-4", "2e-5", "0.01", "0.01", "2e-5"]) == dataclasses.replace(BOX, bending=2e-5)
     assert "angle ± 0.0005 rad, bending ± 2e-05 and 5e-05 rad, velocity ± 0.01 rad/s" in BOX.in_words()
     columns = BOX.columns(10, 2)
     x = columns @ np.sign(np.random.default_rng(0).normal(size=columns.shape[1]))
