@@ -136,7 +136,7 @@ def test_a_box_of_starts_is_in_the_file_and_a_wider_one_is_refused(boxed, tmp_pa
     assert found.proven and found.claim.start == BOX and "from any state with angle ± 0.0005 rad" in found.sentence
     assert boxed.whole[0] > 1e3 * find_bound(TipClaim("fuzzy-4-tip", steps=1)).whole[0]
     content = json.loads(path.read_text())
-    for name in ("angle", "bending", "velocity", "bending_velocity", "memory"):
+    for name in ("angle", "bending_velocity", "memory"):
         path.write_text(json.dumps(content | {"start": content["start"] | {name: 0.1}}))
         assert not check_bound(path).proven
     for wrong in ({"start": {"angle": -1.0}}, {"start": content["start"] | {"memory": [1e-5] * 3}}, {"laps": "two"}):
@@ -146,10 +146,11 @@ def test_a_box_of_starts_is_in_the_file_and_a_wider_one_is_refused(boxed, tmp_pa
     assert check_bound(path).reason == "a bound of the tip is larger than the file says"
 
 
+@pytest.mark.slow
 def test_a_containment_that_is_false_is_refused(tmp_path):
-    """A lap of 20 ms whose end is said to lie in a set that it leaves, or in one that its own lap would leave."""
+    """A lap of 60 ms whose end is said to lie in a set that it leaves, or in one that its own lap would leave."""
     ring = [(0.35 + 2e-5 * np.sin(a), 0.85 - 2e-5 * (1.0 - np.cos(a))) for a in np.arange(8) * np.pi / 4]
-    one = find_bound(TipClaim("fuzzy-4-tip", duration=0.02, points=GivenPath(tuple(ring), closed=True, duration=0.02)))
+    one = find_bound(TipClaim("fuzzy-4-tip", duration=0.06, points=GivenPath(tuple(ring), closed=True, duration=0.06)))
     last = {field.name: getattr(one, field.name) for field in dataclasses.fields(Lap)}
     for size, why in (
         (1e-16, "is not in the set in which the next begins"),
