@@ -111,7 +111,7 @@ class LapSet(NamedTuple):
 
     @classmethod
     def around(cls, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> LapSet:
-        """Return a set that is larger than the end of a lap, with the point (c of three kinds) and deviations from it.
+        """Return a set that is larger than the end of a lap: `point` c, (8,), (m,), (0 or 2,), and deviations from it.
 
         Its columns are the largest ones of the deviations, and a parallelepiped that holds all others.
         """
@@ -135,7 +135,9 @@ class LapSet(NamedTuple):
         return made
 
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
-        """Return the largest |g_i| that a set needs in this one, the end of a lap: it lies inside if that is at most 1.
+        """Return the largest |g_i| that the end of a lap needs in this set: it lies inside if that is at most 1.
+
+        Its point is (8,), (m,), (0 or 2,), as in `around`.
 
         With G = [G', B] and the columns Y of c⁺ - c, C⁺ - C and of the end's own, g' = Γ' y for any Γ', and
         B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|),
