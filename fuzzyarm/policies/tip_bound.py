@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common.arithmetic import at_most
-from fuzzyarm.common.checks import choice, instance, real, whole
+from fuzzyarm.common.checks import choice, instance, real, reals, whole
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import LONGEST, default_reference
@@ -21,7 +22,7 @@ from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.paths import SHAPES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies.spec import load_policy
+from fuzzyarm.policies.spec import any_guest, load_policy, without_guest
 from fuzzyarm.proof.tip.centre import Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
@@ -48,7 +49,7 @@ class TipClaim:
     """The law, motion and set of plants for which a bound is claimed.
 
     Attributes:
-        policy: name of the policy.
+        policy: name of the policy; a guest in a shield becomes any guest, for which the same proof holds.
         case: name of the case, whose payload and tip force act.
         set_name: label of the set for its user, see `check_set_name`; results do not depend on it.
         plants: the set.
@@ -80,6 +81,7 @@ class TipClaim:
         kinds |= {name: kind for name, kind in own.items() if getattr(self, name) is not None}
         for name, kind in kinds.items():
             instance(name, getattr(self, name), kind)
+        object.__setattr__(self, "policy", any_guest(self.policy))
         object.__setattr__(self, "set_name", self.set_name or _known(self.plants) or "own")
         check_set_name(self.set_name, self.plants)
         choice("path", self.path, PATHS)
@@ -229,7 +231,8 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     """Return the problem that proves a claim; `policy` replaces the one of the claim's name, for one without a name."""
-    policy = load_policy(claim.policy, control_period=PERIOD, robot=claim.arm) if policy is None else policy
+    law, guest = without_guest(claim.policy) if policy is None else ("", ())
+    policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
     parameters = two_joint_arm(policy)
     case, reference = case_for(claim.case, parameters), claim.reference(parameters)
     schedule = Schedule.build(reference, case.disturbance, PERIOD, axes=2)
@@ -244,14 +247,15 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
         if apart > _CLOSED:
             raise ValueError(f"laps = ever: the motion ends {apart:.3g} from where it begins; choose a closed path")
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
-    law = SampledLaw(policy, references)
-    if claim.laps == "ever" and not law.repeats(schedule.steps):
+    sampled = SampledLaw(policy, references)
+    if claim.laps == "ever" and not sampled.repeats(schedule.steps):
         raise NoBound("the second lap of the law's references is not like the third: it remembers those before")
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     if claim.start is not None:
-        claim.start.columns(STATES + law.memory, law.memory)
-    return Problem(parameters, start, reference, schedule, PERIOD, law, claim.plants, plant, claim.start)
+        claim.start.columns(STATES + sampled.memory, sampled.memory)
+    margin = reals("margin", guest, JOINTS, "N m", above=0.0) if guest else (0.0,) * JOINTS
+    return Problem(parameters, start, reference, schedule, PERIOD, sampled, claim.plants, plant, claim.start, margin)
 
 
 def find_bound(

@@ -103,6 +103,8 @@ class Problem:
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
     box: StartBox | None = None  # about the start, in which the first lap begins; None: in the start itself
+    # δ (2,) [N m] by which a guest moves the law's torque at every sample; the motors' limits apply afterwards
+    guest: tuple[float, ...] = (0.0,) * JOINTS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -286,7 +288,15 @@ class Tube:
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
         point = np.concatenate([state.centre[ROWS.theta], state.centre[ROWS.d_theta], state.memory])
-        return self._held(problem.law.respond(self._first + k, point, seen))
+        answer = problem.law.respond(self._first + k, point, seen)
+        if any(problem.guest):  # any w of this sample with |w_j| <= δ_j, and the rounding of u_f ± δ
+            u, own = slice(0, JOINTS), np.zeros((len(answer.box), JOINTS))
+            own[u] = np.diag(problem.guest)
+            box = answer.box.copy()
+            size = np.abs(answer.middle[u]) + np.abs(answer.columns[u]).sum(axis=1) + box[u] + problem.guest
+            box[u] += SLACK * size
+            answer = Response(answer.middle, np.hstack([answer.columns, own]), box)
+        return self._held(answer)
 
     def _held(self, answer: Response) -> np.ndarray:
         """Add the policy's answer to the zonotope; return the torque at the centre (2,) [N m] that is held."""
@@ -307,6 +317,8 @@ class Tube:
         z.source = np.concatenate([z.source, np.full(more, _LAW)])
         state.memory = answer.middle[JOINTS:]
         radius = z.totals()[STATES : STATES + JOINTS]
+        # With |u_f| below a limit, the limited u_f + w is u_f + w' with |w'| <= |w|: the guest may reach the limit.
+        radius -= (1.0 - SLACK) * np.array(self.problem.guest)
         for joint, limit in enumerate(self.problem.parameters.torque_limit):
             if not abs(torque[joint]) + radius[joint] < limit:
                 raise NoBound(
