@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
 from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies._user_code import UserPolicy
+from fuzzyarm.policies._user_code import UserPolicy, load_code
+from fuzzyarm.policies.registry import foreign
 from fuzzyarm.policies.spec import ANY_GUEST, PolicySpec, load_policy, without_guest
 
 __all__ = ["shielded", "shielded_of"]
@@ -45,15 +47,26 @@ def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
 
 
 def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unproven: bool) -> Policy | UserPolicy:
-    """Return the policy that the name of a shield refers to; arguments and errors as for `load_policy`."""
+    """Return the policy that the name of a shield refers to; arguments and errors as for `load_policy`.
+
+    A model of another library was trained on ``FuzzyArmLearn-v0`` with this shield: u = u_f + δ a.
+    """
     assert spec.shield is not None
     _, margin = without_guest(spec.name)
     if spec.shield.guest.name == ANY_GUEST:
-        raise ValueError(f"{spec.name} is every guest, which fuzzyarm prove takes; name a policy in place of {ANY_GUEST}")
+        raise ValueError(
+            f"{spec.name} is every guest, which fuzzyarm prove takes; name a policy in place of {ANY_GUEST}"
+        )
     law = spec.shield.law.load(control_period, robot, allow_unproven)
     assert isinstance(law, Policy)
+    guest = spec.shield.guest
     try:
-        return shielded(law, spec.shield.guest.load(control_period, law.parameters), margin)
+        if not foreign(guest.name):
+            return shielded(law, guest.load(control_period, law.parameters), margin)
+        action = ActionDefinition(margin, period=control_period)
+        other = load_code(guest.name, control_period, law.parameters, action)
+        assert isinstance(other, Policy)
+        return ShieldedPolicy(law, other, margin, beside=True)
     except ValueError as error:
         raise ValueError(f"{spec.name}: {error}") from None
 
