@@ -43,7 +43,10 @@ class OnnxPolicy(Policy):
     def __init__(
         self, path: Path, robot: AnyArm, control_period: float, action: ActionDefinition | None = None
     ) -> None:
-        """Load a file whose actions are those of the registered task, or `action`; ValueError if it is not such a model or onnxruntime is missing, OSError if it cannot be read."""
+        """Load a file whose actions are those of the registered task, or `action`.
+
+        ValueError if it is not such a model or onnxruntime is missing, OSError if it cannot be read.
+        """
         super().__init__(robot, control_period)
         try:
             import onnxruntime

@@ -23,7 +23,7 @@ def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
     Args:
         law: a fixed law, or its name.
         guest: a policy's name, a policy, or any object with stable-baselines3's `predict` whose action is the torque
-            (n,) [N m] for an observation of ``FuzzyArm-v0``. Where it raises, or returns no finite numbers, the law acts.
+            (n,) [N m] for an observation of ``FuzzyArm-v0``. The law acts where it raises, or returns no number.
         margin: δ, largest difference from the law's torque [N m].
 
     Raises:

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from fuzzyarm.policies._user_code import UserPolicy
 
 __all__ = [
-    "ANY_GUEST", "PolicySpec", "any_guest", "file_digest", "found_again", "load_policy", "recorded", "resolve", "resolve_all",
-    "without_guest",
+    "ANY_GUEST", "PolicySpec", "any_guest", "file_digest", "found_again", "load_policy", "recorded", "resolve",
+    "resolve_all", "without_guest",
 ]  # fmt: skip
 
 _SHIELD, ANY_GUEST = "shield:", "any"  # what a shield's name begins with; the guest that stands for every one

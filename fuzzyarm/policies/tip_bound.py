@@ -111,7 +111,9 @@ class TipClaim:
         along = f"of {lap} of the {path} in {exactly(self.duration)} s, case {self.case}"
         rest = "rest with the links on the path"
         start = f"from {rest}" if self.start is None else f"from any state with {self.start.in_words()} about {rest}"
-        return f"at every instant of {steps} {along}, {start}"
+        guest = without_guest(self.policy)[1]
+        beside = f", whatever a guest adds to the torques within ± {guest} N m" if guest else ""
+        return f"at every instant of {steps} {along}, {start}{beside}"
 
     def named_set(self, arm: ArmParameters) -> str:
         """Return the name in `SETS` of the set, else its ranges in words; `arm` is the one in its middle."""
@@ -217,7 +219,7 @@ def arm_in_words(arm: ArmParameters) -> str:
 def own_duration(policy: str, arm: ArmParameters | None, path: str, points: GivenPath | None) -> float:
     """Return the duration [s] of the motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
     choice("path", path, PATHS)
-    arm = two_joint_arm(load_policy(policy, control_period=PERIOD, robot=arm))
+    arm = two_joint_arm(load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm))
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration
 
 
@@ -231,7 +233,7 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     """Return the problem that proves a claim; `policy` replaces the one of the claim's name, for one without a name."""
-    law, guest = without_guest(claim.policy) if policy is None else ("", ())
+    law, guest = without_guest(claim.policy)
     policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
     parameters = two_joint_arm(policy)
     case, reference = case_for(claim.case, parameters), claim.reference(parameters)

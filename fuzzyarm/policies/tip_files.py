@@ -53,7 +53,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.policies.spec import load_policy, resolve
+from fuzzyarm.policies.spec import load_policy, resolve, without_guest
 from fuzzyarm.policies.tip_bound import (
     PERIOD,
     LapClaim,
@@ -333,7 +333,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
         claims += [
             LapClaim([[_claimed(p) for p in step] for step in lap.steps], lap.begin.checked()) for lap in document.later
         ]
-        policy = load_policy(claim.policy, control_period=PERIOD, robot=claim.arm)
+        policy = load_policy(without_guest(claim.policy)[0], control_period=PERIOD, robot=claim.arm)
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     arm = two_joint_arm(policy)

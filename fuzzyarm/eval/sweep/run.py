@@ -38,8 +38,7 @@ from fuzzyarm.eval.sweep._plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise
 from fuzzyarm.fuzzy_policy.policy import Predictor
-from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
-from fuzzyarm.policies.registry import foreign
+from fuzzyarm.policies import PolicySpec, found_again, resolve, resolve_all
 
 __all__ = [
     "Sweep",

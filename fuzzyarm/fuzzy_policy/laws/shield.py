@@ -3,9 +3,8 @@
     u = u_f + clip(π - u_f, ±δ),      u_f the torque of the law within the motors' limits, π that of the guest.
 
 Where π is not a number, u = u_f. Since |u - u_f| <= δ whatever the guest does, one proof of the law with any torque of
-that size beside it holds for every guest, see `docs/theory/tip.md`. The law does not know of the guest; a guest that
-predicts the arm with its own torque, or integrates an error, knows u, because it would otherwise wind up: of two policies
-that both integrate, the one without effect drifts.
+that size beside it holds for every guest, see `docs/theory/tip.md`. The law does not know of the guest. A guest that
+integrates an error, or predicts the arm under its own torque, is given u; it would wind up otherwise.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ class ShieldedPolicy(LawPolicy):
     def __init__(self, law: Policy, guest: Policy, margin: Any, *, beside: bool = False) -> None:
         """Take a law, a guest and δ (n,) [N m]; π is the torque of the guest, or u_f and that torque if `beside`.
 
-        ValueError if the law is no `Law`, guest and law are for different arms or control periods, or δ is not a positive
-        number for each joint.
+        ValueError if the law is not a `Law`, guest and law are for different arms or control periods, or δ is not a
+        positive number for each joint.
         """
         super().__init__(instance("law", law, Policy).parameters, law.control_period)  # type: ignore[type-abstract]
         instance("guest", guest, Policy)  # type: ignore[type-abstract]

@@ -125,7 +125,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return the law ``answer(memory, seen, given, *tables, known, admit)``; `known` as for `Room`, `admit` as for `Law`."""
+        """Return the law ``answer(memory, seen, given, *tables, known, admit)``; `known`: `Room`, `admit`: `Law`."""
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
