@@ -44,7 +44,7 @@ OWN = (
 
 def claims() -> list[TipClaim]:
     """Return what is tried."""
-    return [*(claim for claim in CLAIMS if set_of(claim) in SETS), *OWN]
+    return [*(claim for claim in CLAIMS if set_of(claim) in SETS or claim.policy.startswith("shield")), *OWN]
 
 
 def ratios(bound: TipBound, genes: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
+from fuzzyarm.policies.spec import without_guest
 from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip.plant import BY_JOINT
 
@@ -88,7 +89,7 @@ class Plants:
     def tip_errors(self, laps: int = 1) -> np.ndarray:
         """Return the tip error (samples of all laps, lanes) [m] from random corners of the box of starts."""
         problem, plants, lanes = self.problem, self.claim.plants, self.lanes
-        policy, table = load_policy(self.claim.policy), problem.schedule
+        policy, table = load_policy(without_guest(self.claim.policy)[0]), problem.schedule
         state, memory = np.repeat(problem.start[:, np.newaxis], lanes, axis=1), np.zeros((lanes, policy.memory_size))
         if self.claim.start is not None:
             box = self.claim.start.columns(len(state) + problem.law.memory, problem.law.memory)
@@ -103,6 +104,7 @@ class Plants:
             measured = state[[0, 1, 4, 5]] + noise
             seen = np.hstack([measured.T, np.repeat(table.references[k : k + 1], lanes, axis=0)])
             asked, memory = policy.predict(seen, memory)
+            asked = asked + (np.array(problem.guest)[:, np.newaxis] * waves).T
             acting = asked if waiting is None else waiting
             waiting = asked if plants.late else None
             force = table.forces[k][:, np.newaxis] * self.force
