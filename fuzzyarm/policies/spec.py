@@ -139,7 +139,7 @@ class PolicySpec:
         truth("allow_unproven", allow_unproven)
         self._check()
         if self.shield is not None:
-            from fuzzyarm.policies._shield import shielded_of
+            from fuzzyarm.policies.shield import shielded_of
 
             return shielded_of(self, control_period, robot, allow_unproven)
         arm = chosen_arm(path.parent if robot is None and self.tuned else robot, None)

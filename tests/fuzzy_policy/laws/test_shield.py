@@ -10,7 +10,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.export._c_text import program_of
 from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies._shield import shielded
+from fuzzyarm.policies.shield import shielded
 from fuzzyarm.policies.spec import any_guest, recorded, resolve, without_guest
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv
 
