@@ -112,7 +112,7 @@ PROOFS = {
             lambda document: [row for row in document["rows"] if row["policy"].startswith("shield:")],
         ),
         "Guests of `fuzzy-4-tip`, nominal case: the largest tip error that is proven, and that of {plants} guests, each "
-        "on a plant of the set, that switch from one end of the margin to the other. `{command}`",
+        "on a plant of the set, that switch between the ends of the margin. `{command}`",
     ),
     "tip-falsification": Section(
         "tip_falsification",

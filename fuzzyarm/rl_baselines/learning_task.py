@@ -279,9 +279,9 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     `history` (default none: it improved no run), `preview` in holds (default none, as for the fixed laws in
     comparisons), `early_end` R [m], and `features` and `action`, definitions from a policy's bundle that replace the
     registered ones. `shield="fuzzy-4-tip:4,2"` makes the learner a guest of that law, u = u_f + (4, 2) a held for 1 ms,
-    with a bound of the tip error whatever it learns. `case`, `disturbance`, `reference`, `parameters`, `robot` and
-    `randomisation` are those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`; with
-    your own case, disturbance or reference, nothing is drawn unless `randomisation` is given.
+    with a bound of the tip whatever it learns. `case`, `disturbance`, `reference`, `parameters`, `robot` and
+    `randomisation` are those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`;
+    with your own case, disturbance or reference, nothing is drawn unless `randomisation` is given.
 
     Examples:
         >>> env = FuzzyArmLearnEnv(case="payload")
