@@ -111,8 +111,8 @@ PROOFS = {
             },
             lambda document: [row for row in document["rows"] if row["policy"].startswith("shield:")],
         ),
-        "Guests of `fuzzy-4-tip`, nominal case: the largest tip error that is proven, and that of {plants} guests, each "
-        "on a plant of the set, that switch between the ends of the margin. `{command}`",
+        "Guests of `fuzzy-4-tip`, nominal case: the largest tip error that is proven, and that of {plants} guests, "
+        "each on a plant of the set, that switch between the ends of the margin. `{command}`",
     ),
     "tip-falsification": Section(
         "tip_falsification",
