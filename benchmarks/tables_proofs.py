@@ -100,6 +100,20 @@ PROOFS = {
         "(one plant for `table-1`, integrated event by event; else {plants} of each set, half at its corners); the "
         "largest ratio of an error to the bound at the same sample. Time on one core. `{command}`",
     ),
+    "shields": Section(
+        "tip_bound",
+        Table(
+            {
+                "margin [N m]": lambda row: row["policy"].rpartition(":")[2].replace(",", ", "),
+                "set": _plants_of_bound,
+                "proven for every guest [mm]": _if_proven(lambda row: at_most(row["bound_mm"], 3), "none"),
+                "worst guest that switches [mm]": _if_proven("{simulated_mm:.3g}"),
+            },
+            lambda document: [row for row in document["rows"] if row["policy"].startswith("shield:")],
+        ),
+        "Guests of `fuzzy-4-tip`, nominal case: the largest tip error that is proven, and that of {plants} guests, "
+        "each on a plant of the set, that switch between the ends of the margin. `{command}`",
+    ),
     "tip-falsification": Section(
         "tip_falsification",
         Table(

@@ -63,6 +63,9 @@ def _named(policy: str, name: str, **parts: Any) -> TipClaim:
     return TipClaim(policy, "nominal", name, SETS[name], **parts)
 
 
+MARGINS = ("1,0.5", "2,1", "4,2", "8,4", "16,8")  # of guests [N m]
+GUESTS = f"shield:fuzzy-4-tip:any:{MARGINS[2]}"
+
 CLAIMS = (
     _named("fuzzy-4-tip", "table-1"),
     _named("fuzzy-4", "table-1"),
@@ -109,6 +112,9 @@ CLAIMS = (
     _own("payload 0 to 50 g", "ppo-robust", payload=(0.0, 0.05)),
     _own("payload 0 to 10 g", "ppo-residual", payload=(0.0, 0.01)),
     _own("stiffness ± 0.1 %", "ppo-residual", stiffness=(0.999, 1.001)),
+    *(_named(f"shield:fuzzy-4-tip:any:{margin}", "table-1") for margin in MARGINS),
+    _named(GUESTS, "near"),
+    _own("payload 0 to 5 kg", GUESTS, payload=(0.0, 5.0)),
 )
 """What is bounded."""
 
@@ -192,7 +198,7 @@ def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
     seconds = time.process_time() - begin
     errors = (
         exact_errors(claim)
-        if claim.plants == PlantSet()
+        if claim.plants == PlantSet() and not any(problem_of(claim).guest)
         else Plants(claim, random_genes(lanes, np.random.default_rng(0))).tip_errors()
     )
     counted = tip > COUNTED

@@ -18,6 +18,7 @@ from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
+from fuzzyarm.policies.spec import without_guest
 from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip.plant import BY_JOINT
 
@@ -85,24 +86,31 @@ class Plants:
         waves, along = self._waves(t), np.where(state[4:6] >= 0.0, 1.0, -1.0)
         return self._static * np.choose(self._kind, [waves, along, -along, np.sign(waves + 0.5 * along)])
 
-    def tip_errors(self) -> np.ndarray:
-        """Return the tip error (samples, lanes) [m]."""
+    def tip_errors(self, laps: int = 1) -> np.ndarray:
+        """Return the tip error (samples of all laps, lanes) [m] from random corners of the box of starts."""
         problem, plants, lanes = self.problem, self.claim.plants, self.lanes
-        policy, table = load_policy(self.claim.policy), problem.schedule
-        state = np.repeat(problem.start[:, np.newaxis], lanes, axis=1)
-        memory, waiting, errors = None, None, []
-        for k in range(table.steps):
-            waves = self._waves(PERIOD * k)
+        policy, table = load_policy(without_guest(self.claim.policy)[0]), problem.schedule
+        state, memory = np.repeat(problem.start[:, np.newaxis], lanes, axis=1), np.zeros((lanes, policy.memory_size))
+        if self.claim.start is not None:
+            box = self.claim.start.columns(len(state) + problem.law.memory, problem.law.memory)
+            begun = box @ np.sign(np.random.default_rng(0).normal(size=(box.shape[1], lanes)))
+            state += begun[: len(state)]
+            memory[:, problem.law.remembered] = begun[len(state) :].T
+        waiting, errors = None, []
+        for k in (*range(table.steps),) * laps:
+            now = PERIOD * len(errors)
+            waves = self._waves(now)
             noise = np.repeat(plants.noise, JOINTS)[:, np.newaxis] * np.vstack([waves, -waves[::-1]])
             measured = state[[0, 1, 4, 5]] + noise
             seen = np.hstack([measured.T, np.repeat(table.references[k : k + 1], lanes, axis=0)])
             asked, memory = policy.predict(seen, memory)
+            asked = asked + (np.array(problem.guest)[:, np.newaxis] * waves).T
             acting = asked if waiting is None else waiting
             waiting = asked if plants.late else None
             force = table.forces[k][:, np.newaxis] * self.force
             force *= 1.0 + plants.force_swing * waves[0]
             force[:2] += plants.force_course * waves
-            self._held(state, np.ascontiguousarray(acting.T), force, PERIOD * k)
+            self._held(state, np.ascontiguousarray(acting.T), force, now)
             tip = tip_point(PerJoint(state[2], state[3]), filled(Arm, self.arm))
             errors.append(np.hypot(tip.x - table.targets[k + 1, 0], tip.y - table.targets[k + 1, 1]))
         return np.array(errors)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli._usage import output_file
+from fuzzyarm.cli._usage import UsageError, output_file
 from fuzzyarm.common.console import escaped, progress, say, say_json
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Prove a bound on the tip error at every sample of a motion, for every plant of a set.
+    """Prove a bound on the tip error at every instant of a motion, for every plant of a set.
 
     The proof includes elastic joints, sample and hold, torque limits and dry friction. If no bound is found, the exit
     code is 1, with one line that says why.
@@ -27,18 +27,26 @@ class Options:
 
     policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, ppo-residual or another learned
-    policy, a controller file (.json, .json-tip), or one of a folder of fuzzyarm tune (DIR/fuzzy-4-tip), whose arm the
-    set is then about"""
+    policy, a controller file (.json, .json-tip), or one of a folder of fuzzyarm tune (DIR/fuzzy-4-tip)"""
+    robot: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """TOML file of a two-joint arm, or folder of fuzzyarm tune, which the set is about (default: the arm of the
+    policy's file, otherwise Table 1)"""
     case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
     """Case: nominal, machining or payload"""
     set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"
     """Set of plants: table-1, any-friction, near, near-late, or a TOML file with ranges of factors"""
-    path: Literal["circle", "lemniscate"] = "circle"
-    """Path of the tip"""
+    path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
+    """Path of the tip: circle, lemniscate, line or square, or a file of points in metres (.csv, .toml)"""
     duration: float | None = None
-    """Of the motion [s] (default: 1.5, for the arm of a folder of fuzzyarm tune that of its circle)"""
+    """Of the motion [s] (default: that of fuzzyarm evaluate, 1.5 for the circle)"""
     steps: Annotated[int | None, Parameter(metavar="N")] = None
     """Bound the first N control steps of the motion (default: all)"""
+    laps: Literal["one", "ever"] = "one"
+    """Bound one lap of the motion, or every lap of a motion that is repeated for ever, along a closed path"""
+    start: Annotated[list[str] | None, Parameter(metavar="FILE|NUMBERS", negative="", consume_multiple=True)] = None
+    """Begin anywhere in a box about the start: five half widths, of motor angles [rad], bending [rad], motor velocities
+    [rad/s], velocities of bending [rad/s] and the policy's memory, or a TOML or JSON file with angle, bending,
+    velocity, bending_velocity and memory, each one number or a list (default: at rest on the path)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; by cells, the file of each
     lies beside it"""
@@ -52,20 +60,17 @@ class Options:
 
     def run(self) -> int:
         """Print the bound, and write its file."""
-        from fuzzyarm.policies.tip_bound import TipClaim, find_bound, own_duration, problem_of
+        from fuzzyarm.policies.tip_bound import find_bound, problem_of
         from fuzzyarm.policies.tip_files import save_bound
         from fuzzyarm.proof.tip.enclosures import NoBound
-        from fuzzyarm.proof.tip.plant import find_set
 
         output_file(self.out, ".json")
-        plants = find_set(self.set)
-        duration = own_duration(self.policy) if self.duration is None else self.duration
-        claim = TipClaim(self.policy, self.case, plants=plants, path=self.path, duration=duration, steps=self.steps)
         try:
+            claim = _claim(self)
             if self.cells is not None:
                 found, text = _by_cells(self, claim)
             else:
-                with progress("proving", problem_of(claim).schedule.steps) as advance:
+                with progress("proving", None if self.laps == "ever" else problem_of(claim).schedule.steps) as advance:
                     bound = find_bound(claim, advance)
                 if self.out is not None:
                     save_bound(bound, self.out)
@@ -81,6 +86,31 @@ class Options:
         else:
             say(text)
         return 0 if found["proven"] else 1
+
+
+def _claim(options: Options) -> TipClaim:
+    """Return the claim to prove."""
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
+    from fuzzyarm.policies.tip_bound import TipClaim, own_duration
+    from fuzzyarm.proof.tip.laps import StartBox
+    from fuzzyarm.proof.tip.plant import find_set
+
+    plants = find_set(options.set)
+    arm = None if options.robot is None else chosen_arm(options.robot, None)
+    if not isinstance(arm, ArmParameters | None):
+        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; there are bounds for the two-joint arm alone")
+    points = GivenPath.read(Path(options.path)) if Path(options.path).suffix in ENDINGS else None
+    path = options.path if points is None else "circle"
+    duration = options.duration
+    if duration is None:
+        duration = own_duration(options.policy, arm, path, points)
+    start = None if options.start is None else StartBox.of(options.start)
+    return TipClaim(
+        options.policy, options.case, plants=plants, path=path, duration=duration, steps=options.steps,
+        laps=options.laps, start=start, arm=arm, points=points,
+    )  # fmt: skip
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:

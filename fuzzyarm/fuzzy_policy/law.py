@@ -24,7 +24,7 @@ from fuzzyarm.numbers.functions import flat, like, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Law", "LawPolicy", "constants_array", "law_of", "seen_by", "within", "within_limits"]
+__all__ = ["Law", "LawPolicy", "constants_array", "held_at_limits", "law_of", "seen_by", "within", "within_limits"]
 
 
 class Law(NamedTuple):
@@ -34,6 +34,8 @@ class Law(NamedTuple):
     memory: Any  # a tree of zeros
     constants: Any  # a tree of floats
     tables: tuple[np.ndarray, ...] = ()  # arrays (rows, columns)
+    # whether `act` also takes ``admit``: the function that makes the torques which act of those that it asks for
+    told: bool = False
 
 
 def seen_by(joints: int) -> Observation:
@@ -53,17 +55,26 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
         constants, limit = given
         after, torque = law.act(memory, seen, constants, *tables)
         torque = type(seen.q_motor)(*torque)
+        acting = within(torque, limit)
         if integral_at is not None:
-            before, numbers = flat(memory), flat(after)
-            for joint, (asked, most) in enumerate(zip(torque, limit, strict=True)):
-                at = integral_at + joint
-                change = numbers[at] - before[at]
-                further = ((asked > most) & (change < 0.0)) | ((asked < -most) & (change > 0.0))
-                numbers[at] = select(further, before[at], numbers[at])
-            after = like(after, iter(numbers))
-        return after, within(torque, limit)
+            after = held_at_limits(memory, after, integral_at, torque, acting)
+        return after, acting
 
     return command
+
+
+def held_at_limits(memory: Any, after: Any, integral_at: int, asked: Any, acting: Any) -> Any:
+    """Return the memory `after` a sample, with integrals that would drive torques `asked` further from those `acting`.
+
+    Such an x_I,j is held: u_j was too large and Δx_I,j < 0, or too small and Δx_I,j > 0, see `Policy.command`.
+    """
+    before, numbers = flat(memory), flat(after)
+    for joint, (wanted, given) in enumerate(zip(asked, acting, strict=True)):
+        at = integral_at + joint
+        change = numbers[at] - before[at]
+        further = ((wanted > given) & (change < 0.0)) | ((wanted < given) & (change > 0.0))
+        numbers[at] = select(further, before[at], numbers[at])
+    return like(after, iter(numbers))
 
 
 def constants_array(law: Law, *others: Any) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
-from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -40,8 +40,13 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
 class OnnxPolicy(Policy):
     """The policy; its memory holds the control periods since an action, the action, and the memory of the features."""
 
-    def __init__(self, path: Path, robot: AnyArm, control_period: float) -> None:
-        """Load a file; ValueError if it is not such a model or onnxruntime is missing, OSError if it cannot be read."""
+    def __init__(
+        self, path: Path, robot: AnyArm, control_period: float, action: ActionDefinition | None = None
+    ) -> None:
+        """Load a file whose actions are those of the registered task, or `action`.
+
+        ValueError if it is not such a model or onnxruntime is missing, OSError if it cannot be read.
+        """
         super().__init__(robot, control_period)
         try:
             import onnxruntime
@@ -62,7 +67,10 @@ class OnnxPolicy(Policy):
             found = ", ".join(f"{one.name} {one.type} {one.shape}" for one in (given, *others))
             raise ValueError(f"{path}: its inputs are {found}; needed: one, tensor(float) of shape (lanes, size)")
         self._input, joints = given.name, joints_of(robot)
-        definition, action = learning_features(joints, past_seen(path, given.shape[1], joints)), learning_action(robot)
+        definition, action = (
+            learning_features(joints, past_seen(path, given.shape[1], joints)),
+            action or learning_action(robot),
+        )
         self._features = Lanes(features := Features(definition, action.period, robot), guided(None))
         self._scale, self._calls = np.array(action.scale), action.calls(control_period)
         self.action_period, self._remembered = action.period, features.memory_size

@@ -21,7 +21,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
@@ -33,8 +33,12 @@ _LARGEST = 64 * 2**20  # bytes, of the zip and of each part that is read
 _UNREAD = ("activation_fn", "features_extractor_class", "features_extractor_kwargs", "squash_output")
 
 
-def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolicy:
+def sb3_policy(
+    path: Path, robot: AnyArm, control_period: float, action: ActionDefinition | None = None
+) -> LearnedPolicy:
     """Return the mean action of a saved PPO, A2C, RecurrentPPO, SAC, TQC, TD3 or DDPG as a policy.
+
+    Actions are those of the registered task, or `action`.
 
     The running mean and variance of the observations, as VecNormalize keeps them, are taken from a file ``NAME.npz``
     beside ``NAME.zip`` with the arrays ``mean``, ``var`` and ``clip``, if there is one.
@@ -59,7 +63,7 @@ def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolic
     arm = None if robot == ArmParameters() else ArmDefinition(named.name, named.digest)
     try:
         network = Network(mean, np.sqrt(var + 1e-8), clip, weights, biases, activation, output, cell)
-        bundle = PolicyBundle(learning_features(joints, past), learning_action(robot), network, arm)
+        bundle = PolicyBundle(learning_features(joints, past), action or learning_action(robot), network, arm)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
     return LearnedPolicy(bundle, control_period, robot)

@@ -43,6 +43,7 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.declared import Declared, stated
 from fuzzyarm.policies.registry import foreign
@@ -50,8 +51,12 @@ from fuzzyarm.policies.registry import foreign
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
 
-def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserPolicy:
+def load_code(
+    name: str, control_period: float, robot: AnyArm, action: ActionDefinition | None = None
+) -> Policy | UserPolicy:
     """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`registry.FOREIGN`).
+
+    The actions of a foreign model are those of ``FuzzyArmLearn-v0``, or `action`.
 
     The current folder is also searched, as with ``python -m``. ValueError if the module is not found or fails, has no
     such factory, the factory fails, or its result has no `predict` or a wrong `declared`.
@@ -61,10 +66,10 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserP
         if prefix == "onnx:":
             from fuzzyarm.policies._onnx_model import OnnxPolicy
 
-            return OnnxPolicy(path, robot, control_period)
+            return OnnxPolicy(path, robot, control_period, action)
         from fuzzyarm.policies._sb3 import sb3_policy
 
-        return sb3_policy(path, robot, control_period)
+        return sb3_policy(path, robot, control_period, action)
     module = _imported(name)
     attribute = name.partition(":")[2]
     try:

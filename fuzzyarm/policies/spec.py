@@ -6,6 +6,7 @@
     runs/mine                                      the folder of a learned policy
     my-arm/computed-torque, my-arm/fuzzy-4-tip     a policy of a folder that `fuzzyarm tune` wrote
     package.module:factory                         the user's own code, see `user_code`
+    shield:fuzzy-4-tip:GUEST:4,2                   any of these within ± (4, 2) N m of a law, see `laws.shield`
 
 A name may come from a file, and files are not trusted: no name makes `resolve` or `load_policy` import or run code.
 Code runs only if the user has named it in this process, with ``resolve(name, run_code=True)``.
@@ -24,7 +25,7 @@ import hashlib
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from fuzzyarm.policies.registry import FOREIGN, LAWS, POLICIES, TIP, Factory, Kind, foreign, known_names
 
@@ -35,9 +36,25 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
     from fuzzyarm.policies._user_code import UserPolicy
 
-__all__ = ["PolicySpec", "file_digest", "found_again", "load_policy", "recorded", "resolve", "resolve_all"]
+__all__ = [
+    "ANY_GUEST", "PolicySpec", "any_guest", "file_digest", "found_again", "load_policy", "recorded", "resolve",
+    "resolve_all", "without_guest",
+]  # fmt: skip
 
+_SHIELD, ANY_GUEST = "shield:", "any"  # what a shield's name begins with; the guest that stands for every one
 _ROUTES = {ending: prefix for prefix, ending in FOREIGN.items()}  # what stands before the model of another library
+
+
+class _Shield(NamedTuple):
+    """The parts of a shield's name."""
+
+    law: PolicySpec
+    guest: PolicySpec  # its name is `ANY_GUEST` for every guest
+    margin: str  # δ [N m], separated by commas
+
+    def named(self, law: str, guest: str) -> str:
+        """Return the name of this shield with other names of its parts."""
+        return f"{_SHIELD}{law}:{guest}:{self.margin}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +72,14 @@ class PolicySpec:
     run_code: bool = False  # whether the user's own code may be imported and run
     tuned: bool = False  # whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given
     _factory: Factory | None = dataclasses.field(default=None, repr=False, compare=False)
+    shield: _Shield | None = None  # the parts of a shield
+
+    @property
+    def code(self) -> str:
+        """The user's own code, ``package.module:factory``, that is the policy or its guest; empty if there is none."""
+        if self.shield is not None:
+            return self.shield.guest.code
+        return self.name if self.kind is Kind.CODE and not foreign(self.name) else ""
 
     @property
     def label(self) -> str:
@@ -64,6 +89,8 @@ class PolicySpec:
         """
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, LAST
 
+        if self.shield is not None:
+            return self.shield.named(self.shield.law.label, self.shield.guest.label)
         path = Path(self.name)
         if self.kind is Kind.LEARNED and path.name in (LAST, BEST) and path.parent.name:
             return path.parent.name if path.name == LAST else f"{path.parent.name}-{BEST}"
@@ -80,6 +107,9 @@ class PolicySpec:
         """
         path = self.path or Path()
         self._check()
+        if self.shield is not None:
+            guest = {} if self.shield.guest.name == ANY_GUEST else self.shield.guest.files()
+            return {**self.shield.law.files(), **guest}
         if self.kind is Kind.CODE:
             from fuzzyarm.policies._user_code import source_file
 
@@ -106,9 +136,13 @@ class PolicySpec:
         from fuzzyarm.envs.physics.equations import chosen_arm
 
         path = self.path or Path()
-        arm = chosen_arm(path.parent if robot is None and self.tuned else robot, None)
         truth("allow_unproven", allow_unproven)
         self._check()
+        if self.shield is not None:
+            from fuzzyarm.policies.shield import shielded_of
+
+            return shielded_of(self, control_period, robot, allow_unproven)
+        arm = chosen_arm(path.parent if robot is None and self.tuned else robot, None)
         if self.kind is Kind.CODE:
             from fuzzyarm.policies._user_code import load_code
 
@@ -133,7 +167,7 @@ class PolicySpec:
             raise ValueError(
                 f"unknown policy {self.name!r}; {hint}choose from: {', '.join(known_names())}, or the path of a "
                 f"controller file (.json, .json{TIP}), or of a learned policy's folder, on the command line also "
-                "package.module:factory"
+                f"package.module:factory, or {_SHIELD}LAW:POLICY:4,2 for one of these within ± (4, 2) N m of a law"
             )
         if not self.tip:
             return law
@@ -174,6 +208,8 @@ def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySp
     if not isinstance(name, str | os.PathLike):
         raise TypeError(f"a policy's name is a string or a path; {type(name).__name__} was given")
     text = str(name)
+    if text.startswith(_SHIELD):
+        return _in_shield(text, run_code)
     subject = text.removesuffix(TIP)
     tip = subject != text
     known = POLICIES.get(subject)
@@ -186,6 +222,35 @@ def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySp
     if _is_code(text):
         return PolicySpec(text, Kind.CODE, run_code=run_code)
     return PolicySpec(text, Kind.LEARNED, path=Path(text))
+
+
+def _in_shield(name: str, run_code: bool) -> PolicySpec:
+    law, _, rest = name.removeprefix(_SHIELD).partition(":")
+    guest, _, margin = rest.rpartition(":")
+    if not (law and guest and margin) or guest.startswith(_SHIELD):
+        return PolicySpec(name, Kind.LEARNED, path=Path(name))  # which is unknown
+    parts = _Shield(resolve(law), resolve(guest, run_code=run_code), margin)
+    kind = Kind.CODE if parts.guest.kind is Kind.CODE else Kind.SHIELD
+    return PolicySpec(name, kind, run_code=run_code, shield=parts)
+
+
+def any_guest(name: str) -> str:
+    """Return the name of a shield with every guest in place of its own; any other name as it is."""
+    shield = resolve(name).shield
+    return name if shield is None else shield.named(shield.law.name, ANY_GUEST)
+
+
+def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
+    """Return the law in a shield and δ (n,) [N m]; any other policy is its own law, and δ is empty."""
+    shield = resolve(name).shield
+    if shield is None:
+        return name, ()
+    try:
+        return shield.law.name, tuple(map(float, shield.margin.split(",")))
+    except ValueError:
+        raise ValueError(
+            f"{name}: its margin {shield.margin!r} must be a torque for each joint [N m], such as 4,2"
+        ) from None
 
 
 def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
@@ -274,6 +339,8 @@ def file_digest(file: Path) -> str:
 
 def recorded(name: str) -> str:
     """Return the name of a policy as it is recorded in files of results."""
+    if shield := resolve(name).shield:
+        return shield.named(recorded(shield.law.name), recorded(shield.guest.name))
     if prefix := foreign(name):
         return prefix + recorded(name.removeprefix(prefix))
     path = Path(name)

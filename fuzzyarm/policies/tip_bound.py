@@ -6,34 +6,41 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.arithmetic import at_most
-from fuzzyarm.common.checks import choice, instance, real, whole
+from fuzzyarm.common.checks import choice, instance, real, reals, whole
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import LONGEST, default_reference
+from fuzzyarm.envs.scenario.given_path import GivenPath
+from fuzzyarm.envs.scenario.paths import SHAPES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies.spec import load_policy
+from fuzzyarm.policies.spec import any_guest, load_policy, without_guest
 from fuzzyarm.proof.tip.centre import Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import SETS, BallPlant, PlantSet, check_set_name, exactly
 from fuzzyarm.proof.tip.sampled_law import SampledLaw
+from fuzzyarm.proof.tip.transition import STATES
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 from fuzzyarm.proof.tip.zonotope import SOURCES
 
 __all__ = [
-    "PATHS", "PERIOD", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain", "problem_of",
-    "two_joint_arm",
+    "PATHS", "PERIOD", "Lap", "LapClaim", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain",
+    "problem_of", "two_joint_arm",
 ]  # fmt: skip
 
-PATHS = ("circle", "lemniscate")  # paths of the tip by name: the paper's circle, and an eight of the same width
+PATHS = tuple(SHAPES)  # paths of the tip by name
+_LAPS, _MOST_LAPS = 3, 5  # of references that the law is asked about; that a search does
+_CLOSED = 1e-9  # largest difference of the references at both ends of a closed path [rad, ...]
 PERIOD = 1e-3  # control period [s], the environment's own
 
 
@@ -42,13 +49,17 @@ class TipClaim:
     """The law, motion and set of plants for which a bound is claimed.
 
     Attributes:
-        policy: name of the policy.
+        policy: name of the policy; a guest in a shield becomes any guest, for which the same proof holds.
         case: name of the case, whose payload and tip force act.
         set_name: label of the set for its user, see `check_set_name`; results do not depend on it.
         plants: the set.
         path: one of `PATHS`.
         duration: of the motion [s].
         steps: number of control steps of the motion that are bounded; None for all.
+        laps: "one", or "ever": the motion is repeated without an end, with its case, and all laps are bounded.
+        start: box about the start in which the first lap begins; None: the start itself.
+        arm: for which the policy is loaded; None: that which its name stands for.
+        points: of a path in place of `path`.
     """
 
     policy: str
@@ -58,30 +69,51 @@ class TipClaim:
     path: str = "circle"
     duration: float = 1.5
     steps: int | None = None
+    laps: str = "one"
+    start: StartBox | None = None
+    arm: ArmParameters | None = None
+    points: GivenPath | None = None
 
     def __post_init__(self) -> None:
         """Check every field except the names of policy and case; ValueError names the field and allowed values."""
-        for name, kind in (("policy", str), ("case", str), ("set_name", str), ("plants", PlantSet)):
+        kinds: dict[str, type] = {"policy": str, "case": str, "set_name": str, "plants": PlantSet}
+        own: dict[str, type] = {"start": StartBox, "arm": ArmParameters, "points": GivenPath}
+        kinds |= {name: kind for name, kind in own.items() if getattr(self, name) is not None}
+        for name, kind in kinds.items():
             instance(name, getattr(self, name), kind)
+        object.__setattr__(self, "policy", any_guest(self.policy))
         object.__setattr__(self, "set_name", self.set_name or _known(self.plants) or "own")
         check_set_name(self.set_name, self.plants)
         choice("path", self.path, PATHS)
         real("duration", self.duration, "s", low=PERIOD, high=LONGEST)
         if self.steps is not None:
-            whole("steps", self.steps, low=1, high=math.ceil(self.duration / PERIOD - 1e-9))
+            whole("steps", self.steps, low=1, high=self.samples)
+        if choice("laps", self.laps, ("one", "ever")) == "ever" and self.steps is not None:
+            raise ValueError(f"steps = {self.steps}: laps for ever are whole; leave out one of the two")
+
+    @property
+    def samples(self) -> int:
+        """Number of control steps of a lap."""
+        return math.ceil(self.duration / PERIOD - 1e-9)
 
     def reference(self, arm: ArmParameters) -> JointReference:
         """Return the motion: the arm's default reference along the path, in the claimed duration."""
-        reference = default_reference(arm, self.path)
+        reference = default_reference(arm, self.path) if self.points is None else self.points.reference(arm)
         assert isinstance(reference, JointReference)
         return dataclasses.replace(reference, duration=self.duration)
 
     def motion(self, count: int) -> str:
-        """Return start, samples, path and case in words, of a bound of `count` samples."""
-        total = math.ceil(self.duration / PERIOD - 1e-9)
-        samples = f"every one of {total} samples" if count == total else f"the first {count} of {total} samples"
-        along = f"of the {self.path} in {exactly(self.duration)} s, case {self.case}"
-        return f"at {samples} {along}, from rest with the links on the path"
+        """Return start, instants, path and case in words, of a bound of `count` control steps."""
+        total = self.samples
+        steps = f"all {total} control steps" if count == total else f"the first {count} of {total} control steps"
+        lap = "a lap" if self.laps == "one" else "every lap, for ever,"
+        path = self.path if self.points is None else f"path through {len(self.points.points)} points"
+        along = f"of {lap} of the {path} in {exactly(self.duration)} s, case {self.case}"
+        rest = "rest with the links on the path"
+        start = f"from {rest}" if self.start is None else f"from any state with {self.start.in_words()} about {rest}"
+        guest = without_guest(self.policy)[1]
+        beside = f", whatever a guest adds to the torques within ± {guest} N m" if guest else ""
+        return f"at every instant of {steps} {along}, {start}{beside}"
 
     def named_set(self, arm: ArmParameters) -> str:
         """Return the name in `SETS` of the set, else its ranges in words; `arm` is the one in its middle."""
@@ -94,44 +126,81 @@ def _known(plants: PlantSet) -> str | None:
     return next((name for name, known in SETS.items() if known == plants), None)
 
 
-@dataclasses.dataclass(frozen=True)
-class TipBound:
-    """A proven bound on the tip error."""
+class LapClaim(NamedTuple):
+    """The claim of a file for a lap: the segments of each control step with their tubes, and where the lap begins."""
+
+    steps: Sequence[Sequence[tuple[Segment, TubeClaim]]]
+    begin: LapSet | None = None  # of a later lap; None for the first
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Lap:
+    """A proven bound on the tip error of a lap."""
+
+    tip: np.ndarray  # bound of the tip error at the end of each control step [m]
+    whole: np.ndarray  # the same at every instant of each control step [m]
+    # of each of `tip`, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
+    sources: np.ndarray
+    steps: tuple[Step, ...]  # the tube; empty if it was not kept
+    begin: LapSet | None = None  # set in which a later lap begins
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TipBound(Lap):
+    """A proven bound on the tip error: of the first lap, and of later ones."""
 
     claim: TipClaim  # for which it is proven
     arm: ArmParameters  # in the middle of the set
-    tip: np.ndarray  # bound of the tip error at the end of each control step [m]
-    # of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
-    sources: np.ndarray
-    steps: tuple[Step, ...]  # the tube; empty if it was not kept
     seconds: float  # duration of the proof
+    later: tuple[Lap, ...] = ()  # the second lap and so on; the last of them is every later one
+
+    @property
+    def all_laps(self) -> tuple[Lap, ...]:
+        """The first lap and the later ones."""
+        return (self, *self.later)
 
     @property
     def largest(self) -> float:
-        """The bound on the tip error over all samples [m]."""
-        return float(self.tip.max())
+        """The bound on the tip error at every instant of all laps [m]."""
+        return float(max(lap.whole.max() for lap in self.all_laps))
+
+    def worst(self) -> tuple[int, int]:
+        """Return the lap and the sample, both from 1, at which the bound at samples is largest."""
+        lap = int(np.argmax([lap.tip.max() for lap in self.all_laps]))
+        return lap + 1, int(self.all_laps[lap].tip.argmax()) + 1
 
     def spent(self) -> dict[str, float]:
-        """Return the contributions of all sources to the largest bound [m], by name."""
+        """Return the contributions of all sources to the largest bound at a sample [m], by name."""
+        lap, sample = self.worst()
         names = [*SOURCES, "uncertain constants", "centre"]
-        return dict(zip(names, self.sources[int(self.tip.argmax())].tolist(), strict=True))
+        return dict(zip(names, self.all_laps[lap - 1].sources[sample - 1].tolist(), strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        c, sample = self.claim, int(self.tip.argmax()) + 1
+        c, (lap, sample) = self.claim, self.worst()
         about = {"policy": c.policy, "case": c.case, "set": c.named_set(self.arm), "path": c.path}
-        found = {"duration": c.duration, "proven": True, "bound": self.largest, "sample": sample}
-        return {**about, **found, "samples": len(self.tip), "spent": self.spent(), "seconds": self.seconds}
+        found = {"duration": c.duration, "proven": True, "bound": self.largest, "lap": lap, "sample": sample}
+        laps = [float(one.whole.max()) for one in self.all_laps]
+        return {
+            **about,
+            **found,
+            "laps": laps,
+            "samples": len(self.tip),
+            "spent": self.spent(),
+            "seconds": self.seconds,
+        }
 
     def to_text(self) -> str:
         """Return the result as text."""
         c, found = self.claim, self.to_dict()
         small = 1e-3 * self.largest
         parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in found["spent"].items() if x > small)
+        laps = [f"lap {n} {at_most(1e3 * x, 4)}" for n, x in enumerate(found["laps"], 1)]
+        within = f"\n  at most, in mm: {', '.join(laps)} and all later ones" if self.later else ""
         return (
             f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for set {found['set']} "
-            f"({arm_in_words(self.arm)})\n  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s\n"
-            f"  largest at t = {PERIOD * found['sample']:.3f} s; made of, in mm: {parts}"
+            f"({arm_in_words(self.arm)})\n  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s{within}\n"
+            f"  largest sample at t = {PERIOD * found['sample']:.3f} s; made of, in mm: {parts}"
         )
 
 
@@ -147,9 +216,11 @@ def arm_in_words(arm: ArmParameters) -> str:
     return f"an arm with {numbers} instead of Table 1's" if own else "the arm of Table 1"
 
 
-def own_duration(policy: str) -> float:
-    """Return the duration [s] of the default circle of a policy's arm, 1.5 s for the arm of Table 1."""
-    return default_reference(load_policy(policy, control_period=PERIOD).parameters).duration
+def own_duration(policy: str, arm: ArmParameters | None, path: str, points: GivenPath | None) -> float:
+    """Return the duration [s] of the motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
+    choice("path", path, PATHS)
+    arm = two_joint_arm(load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm))
+    return (default_reference(arm, path) if points is None else points.reference(arm)).duration
 
 
 def two_joint_arm(policy: Policy) -> ArmParameters:
@@ -162,7 +233,8 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     """Return the problem that proves a claim; `policy` replaces the one of the claim's name, for one without a name."""
-    policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
+    law, guest = without_guest(claim.policy)
+    policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
     parameters = two_joint_arm(policy)
     case, reference = case_for(claim.case, parameters), claim.reference(parameters)
     schedule = Schedule.build(reference, case.disturbance, PERIOD, axes=2)
@@ -171,16 +243,27 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
     plant = BallPlant.of(parameters, case.disturbance, claim.plants)
-    law = SampledLaw(policy, schedule.references)
+    references = schedule.references
+    if claim.laps == "ever":
+        apart = float(np.abs(references[-1] - references[0]).max())
+        if apart > _CLOSED:
+            raise ValueError(f"laps = ever: the motion ends {apart:.3g} from where it begins; choose a closed path")
+        references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
+    sampled = SampledLaw(policy, references)
+    if claim.laps == "ever" and not sampled.repeats(schedule.steps):
+        raise NoBound("the second lap of the law's references is not like the third: it remembers those before")
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
-    return Problem(parameters, start, schedule, PERIOD, law, claim.plants, plant)
+    if claim.start is not None:
+        claim.start.columns(STATES + sampled.memory, sampled.memory)
+    margin = reals("margin", guest, JOINTS, "N m", above=0.0) if guest else (0.0,) * JOINTS
+    return Problem(parameters, start, reference, schedule, PERIOD, sampled, claim.plants, plant, claim.start, margin)
 
 
 def find_bound(
     claim: TipClaim,
     advance: Callable[[], object] = lambda: None,
-    claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None,
+    claims: Sequence[LapClaim] | None = None,
     policy: Policy | None = None,
 ) -> TipBound:
     """Return a proven bound for a claim.
@@ -188,7 +271,7 @@ def find_bound(
     Args:
         claim: the claim to prove.
         advance: called after each control step.
-        claims: tubes of a file, to be confirmed; None to search for them.
+        claims: laps of a file, to be confirmed; None to search for them.
         policy: the policy object if it has no name; None to load it by the claim's name.
 
     Raises:
@@ -197,13 +280,44 @@ def find_bound(
     """
     begin = time.perf_counter()
     problem = problem_of(instance("claim", claim, TipClaim), policy)
+    name, laps, ever = plain(claim.policy), list[Lap](), claim.laps == "ever"
+    start: LapSet | None = None
+    for number in range(1, _MOST_LAPS + 1):
+        tube = Tube(problem, None if claims is None else claims[number - 1].steps, start)
+        laps.append(
+            _lap(tube, f"{name}: no bound beyond lap {number}, " if ever else f"{name}: no bound beyond ", advance)
+        )
+        if not ever:
+            break
+        last = start is not None and (claims is None or number == len(claims))
+        after = start if last else None if claims is None else claims[number].begin
+        with np.errstate(all="ignore"):
+            filled = math.inf if after is None else tube.state.filled(after)
+        if claims is not None and not filled <= 1.0:
+            raise NoBound(
+                f"{name}: the end of lap {number} is not in the set in which the next begins: {filled:.4g} of 1"
+            )
+        if last and filled <= 1.0:
+            break
+        start = tube.state.around() if claims is None else after
+    else:
+        raise NoBound(f"{name}: the end of lap {_MOST_LAPS} leaves the set in which it begins: {filled:.4g} of 1")
+    if claims is not None and len(claims) != len(laps):
+        raise NoBound(f"{name}: the file has {len(claims)} laps, of which {len(laps)} count")
+    first = {field.name: getattr(laps[0], field.name) for field in dataclasses.fields(Lap)}
+    seconds = time.perf_counter() - begin
+    return TipBound(**first, claim=claim, arm=problem.parameters, seconds=seconds, later=tuple(laps[1:]))
+
+
+def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> Lap:
+    """Return the bound of a lap; `NoBound` with a message that begins with `name`."""
     steps: list[Step] = []
     try:
         with np.errstate(all="ignore"):  # what is too large is no number, and fails each check
-            for step in Tube(problem, claims):
+            for step in tube:
                 steps.append(step)
                 advance()
     except (ValueError, ArithmeticError) as error:
-        raise NoBound(f"{plain(claim.policy)}: no bound beyond t = {PERIOD * len(steps):.3f} s: {error}") from None
-    tip, sources = np.array([s.tip for s in steps]), np.array([s.sources for s in steps])
-    return TipBound(claim, problem.parameters, tip, sources, tuple(steps), time.perf_counter() - begin)
+        raise NoBound(f"{name}t = {PERIOD * len(steps):.3f} s: {error}") from None
+    tip, whole, sources = (np.array([getattr(s, name) for s in steps]) for name in ("tip", "whole", "sources"))
+    return Lap(tip=tip, whole=whole, sources=sources, steps=tuple(steps), begin=tube.begin)

@@ -1,7 +1,35 @@
 """The file of a proven bound: the claim, and the centre and the radii of the tube, from which it can be checked again.
 
 A bound by cells is a file of the whole set, beside one file for each cell. Both hold numbers only. Every float is the
-shortest decimal that identifies it, so it is read back exactly.
+shortest decimal that identifies it, so it is read back exactly. Fields of both:
+
+    schema          fuzzyarm-tip-bound/2, of cells fuzzyarm-tip-cells/3
+    policy, case    names
+    arm             fields of `ArmParameters` for which the policy is loaded; null: those that its name stands for
+    set_name        a label
+    plants          fields of `PlantSet`
+    path            name of the path
+    points          fields of `GivenPath`, a path in its place, or null
+    duration        of the motion [s], one lap of N = ceil(duration / T) control steps, T = 1 ms
+    start           fields of `StartBox`, a box about the environment's start in which the first lap begins; null: none
+    laps            "one"; or "ever": motion and case are repeated, and sample N of a lap is sample 0 of the next
+    bound           of the tip error at every instant of all laps [m]
+
+of a single bound:
+
+    files           SHA-256 of the policy's files, by name
+    tip             bounds of the tip error at the end of control steps 1 to n <= N of the first lap [m]
+    whole           the same at every instant of each step, its ends included [m]
+    steps           of each step its segments: duration [s]; modes and plans of both motors; angles (4, 8) [rad], the
+                    coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2; end (8,), its end; tube (18,)
+    later           with laps "ever" one or more laps: `tip`, `whole` and `steps` as above, n = N; and `begin`, the set
+                    x = c + C π + G g in which the lap begins, |g_i| <= 1, π: the factors of the uncertain constants.
+                    x are θ, q, θ̇, q̇ (8); the numbers of the policy's memory that depend on what it measured (m); and
+                    with late torques the one that acts next (2). `begin` has c as centre (8,), memory (m,) and waiting
+                    (0 or 2,), C as constants and G as columns, both lists of columns. The end of each lap lies in the
+                    set of the next, that of the last one in its own: its bounds hold in all laps that follow
+
+and of cells: `samples`, the number of steps of the first lap that are bounded, and `cells`, the names of their files.
 """
 
 from __future__ import annotations
@@ -23,20 +51,34 @@ from fuzzyarm.common.documents import DocumentError, check_schema, open_regular,
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.policies.spec import load_policy, resolve
-from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, arm_in_words, find_bound, plain, two_joint_arm
+from fuzzyarm.policies.spec import load_policy, resolve, without_guest
+from fuzzyarm.policies.tip_bound import (
+    PERIOD,
+    LapClaim,
+    TipBound,
+    TipClaim,
+    arm_in_words,
+    find_bound,
+    plain,
+    two_joint_arm,
+)
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan
+from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import RANGES, SETS, PlantSet, check_set_name
 from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
+from fuzzyarm.proof.tip.tube import Step
 
 __all__ = ["BoundCheck", "CellBound", "check_bound", "is_bound", "save_bound", "save_cells"]
 
-_SCHEMA, _CELLS_SCHEMA = "fuzzyarm-tip-bound/1", "fuzzyarm-tip-cells/2"  # of the file of a bound, and of one by cells
+_SCHEMA, _CELLS_SCHEMA = "fuzzyarm-tip-bound/2", "fuzzyarm-tip-cells/3"  # of the file of a bound, and of one by cells
 _LARGEST = 1e6  # of any number of a tube or a bound
+_POINT = ("centre", "memory", "waiting")  # of a set in which a lap begins
+_RECORDS: dict[str, Any] = {"arm": ArmParameters, "points": GivenPath, "start": StartBox}  # of a claim, where not None
 _ROUNDING = 1 + 1e-9  # by which a number that is found again may differ
 
 
@@ -53,23 +95,77 @@ class _Part:
 
 
 @dataclasses.dataclass(frozen=True)
+class _Begin:
+    """The set in which a later lap begins."""
+
+    centre: list[float]
+    memory: list[float]
+    waiting: list[float]
+    constants: list[list[float]]
+    columns: list[list[float]]
+
+    @classmethod
+    def of(cls, start: LapSet) -> Self:
+        """Return the record of a set."""
+        parts = (*start[:3], start.constants.T, start.columns.T)
+        return cls(*(part.tolist() for part in parts))
+
+    def checked(self) -> LapSet:
+        """Return the checked set."""
+        point = [
+            finite_array(name, getattr(self, name), (len(getattr(self, name)),), largest=_LARGEST) for name in _POINT
+        ]
+        numbers = sum(map(len, point))
+        constants, columns = (
+            finite_array(
+                name,
+                getattr(self, name) or np.zeros((0, numbers)),
+                (len(getattr(self, name)), numbers),
+                largest=_LARGEST,
+            )
+            for name in ("constants", "columns")
+        )
+        if len(columns) < numbers:
+            raise ValueError(f"a set of {numbers} numbers has {len(columns)} columns; needed: {numbers} or more")
+        centre, memory, waiting = point
+        return LapSet(centre, memory, waiting, constants.T, columns.T)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Lap:
+    """A later lap in the file."""
+
+    begin: _Begin
+    tip: list[float]
+    whole: list[float]
+    steps: list[list[_Part]]
+
+
+@dataclasses.dataclass(frozen=True)
 class _Claimed:
     """The content shared by the files of a bound and of a bound by cells."""
 
     schema: str
     policy: str
     case: str
+    arm: dict[str, Any] | None
     set_name: str
     plants: dict[str, Any]
     path: str
+    points: dict[str, Any] | None
     duration: float
+    start: dict[str, Any] | None
+    laps: str
     bound: float
 
     @classmethod
     def of(cls, claim: TipClaim, **others: Any) -> Self:
         """Return the record of a claim with the fields that are not the claim's own."""
-        names = ("policy", "case", "set_name", "path", "duration")
-        return cls(plants=claim.plants.to_dict(), **{name: getattr(claim, name) for name in names}, **others)
+        own = {name: getattr(claim, name) for name in ("policy", "case", "set_name", "path", "duration", "laps")}
+        for name in _RECORDS:
+            value = getattr(claim, name)
+            own[name] = None if value is None else json.loads(json.dumps(dataclasses.asdict(value)))
+        return cls(plants=claim.plants.to_dict(), **own, **others)
 
     def claim(self, samples: int) -> TipClaim:
         """Return the claim for `samples` samples of a checked bound."""
@@ -77,7 +173,13 @@ class _Claimed:
         plants = record(self.plants, PlantSet)
         if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
             check_set_name(self.set_name, plants)
-        return TipClaim(self.policy, self.case, plants=plants, path=self.path, duration=self.duration, steps=samples)
+        parts: dict[str, Any] = {
+            name: None if (at := getattr(self, name)) is None else record(at, kind) for name, kind in _RECORDS.items()
+        }
+        claim = TipClaim(
+            self.policy, self.case, plants=plants, path=self.path, duration=self.duration, laps=self.laps, **parts
+        )
+        return dataclasses.replace(claim, steps=None if samples == claim.samples else samples)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +188,9 @@ class _Document(_Claimed):
 
     files: dict[str, str]
     tip: list[float]
+    whole: list[float]
     steps: list[list[_Part]]
+    later: list[_Lap]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +211,8 @@ class BoundCheck:
     bound: float  # the claimed bound [m], or the one found now where that is larger by rounding
     reason: str  # why the claim is not proven; empty if it is
     seconds: float  # duration of the check
-    # bound of the tip error at the end of each control step [m], as the file states it; of cells, the largest
+    # bound of the tip error at the end of each control step of the first lap [m], as the file states it; of cells, the
+    # largest
     tip: np.ndarray
     cells: int | None = None  # number of cells, each of which has to be proven; None for a file of one tube
 
@@ -146,7 +251,20 @@ class BoundCheck:
 def save_bound(bound: TipBound, path: Path) -> None:
     """Write the file of a proven bound, atomically."""
     c, path = instance("bound", bound, TipBound).claim, path_of("path", path)
-    steps = [
+    later = [
+        _Lap(_Begin.of(lap.begin), lap.tip.tolist(), lap.whole.tolist(), _parts(lap.steps))
+        for lap in bound.later
+        if lap.begin is not None
+    ]
+    document = _Document.of(
+        c, schema=_SCHEMA, bound=bound.largest, files=resolve(c.policy).files(), tip=bound.tip.tolist(),
+        whole=bound.whole.tolist(), steps=_parts(bound.steps), later=later,
+    )  # fmt: skip
+    write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
+
+
+def _parts(steps: Sequence[Step]) -> list[list[_Part]]:
+    return [
         [
             _Part(
                 segment.duration, [int(m) for m in segment.modes], [p.value for p in closed.plans],
@@ -154,11 +272,8 @@ def save_bound(bound: TipBound, path: Path) -> None:
             )
             for segment, closed in zip(step.segments, step.closed, strict=True)
         ]
-        for step in bound.steps
+        for step in steps
     ]  # fmt: skip
-    tip, files = bound.tip.tolist(), resolve(c.policy).files()
-    document = _Document.of(c, schema=_SCHEMA, bound=bound.largest, files=files, tip=tip, steps=steps)
-    write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
 
 
 class CellBound(NamedTuple):
@@ -211,19 +326,23 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
     try:
         document = record(check_schema(content, _SCHEMA), _Document)
         claim = document.claim(len(document.tip))
-        tip = finite_array("tip", document.tip, (len(document.tip),), largest=_LARGEST) * _ROUNDING
+        bounds = [_claimed_bounds(document), *map(_claimed_bounds, document.later)]
         if resolve(document.policy).files() != document.files:
             raise ValueError(f"policy {document.policy} has changed since the bound was found")
-        claims = [[_claimed(part) for part in step] for step in document.steps]
+        claims = [LapClaim([[_claimed(part) for part in step] for step in document.steps])]
+        claims += [
+            LapClaim([[_claimed(p) for p in step] for step in lap.steps], lap.begin.checked()) for lap in document.later
+        ]
+        policy = load_policy(without_guest(claim.policy)[0], control_period=PERIOD, robot=claim.arm)
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
-    policy = load_policy(claim.policy, control_period=PERIOD)
     arm = two_joint_arm(policy)
     begin, reason, bound = time.perf_counter(), "", document.bound
     try:
         found = find_bound(claim, claims=claims, policy=policy)
         bound = max(bound, found.largest)
-        if found.tip.shape != tip.shape or not (found.tip <= tip).all():
+        again = [np.stack([lap.tip, lap.whole]) for lap in found.all_laps]
+        if any(a.shape != b.shape or not (a <= b).all() for a, b in zip(again, bounds, strict=True)):
             reason = "a bound of the tip is larger than the file says"
         elif not document.bound * _ROUNDING >= found.largest:
             reason = f"the tip may err by {at_most(1e3 * found.largest, 4)} mm"
@@ -231,7 +350,13 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
         reason = str(error)
     except IndexError:
         reason = "the file ends before the motion does"
-    return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
+    seconds = time.perf_counter() - begin
+    return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, seconds, bounds[0][0])
+
+
+def _claimed_bounds(lap: _Document | _Lap) -> np.ndarray:
+    """Return the bounds of a lap at samples and during steps (2, samples) [m], with an allowance for rounding."""
+    return finite_array("tip, whole", [lap.tip, lap.whole], (2, len(lap.tip)), largest=_LARGEST) * _ROUNDING
 
 
 def _check_cells(path: Path, content: Any) -> BoundCheck:

@@ -41,6 +41,7 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
 from fuzzyarm.policies import load_policy
+from fuzzyarm.policies.spec import without_guest
 
 __all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "learning_draws", "tracking_reward"]
 
@@ -50,6 +51,7 @@ BOUND = 10.0  # of every number of an observation
 _REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
 _MOST_AHEAD = 10_000  # holds
 _TIP_ERROR, _REWARD, _TRUNCATED, _REASON = map(SCALARS.index, ("tip_error", "reward", "truncated", "reason"))
+_SHIELDED = 1e-3  # s, of an action beside a law, for which the bounds of shields are proven
 _MEMORY = ("memory", "base_memory", "seen", "action")
 
 
@@ -75,6 +77,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         early_end: float = EARLY_END,
         features: FeatureDefinition | None = None,
         action: ActionDefinition | None = None,
+        shield: str | None = None,
         disturbance: Disturbance | Sequence[Disturbance] | None = None,
         reference: Reference | Sequence[Reference] | None = None,
         parameters: ArmParameters | None = None,
@@ -86,6 +89,14 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
         (arm,) = arms_of(robot, parameters, 1)
+        law = ""
+        if shield is not None:
+            if action is not None:
+                raise ValueError("give either shield or action, not both")
+            law, margin = without_guest(f"shield:{checks.instance('shield', shield, str).replace(':', ':any:')}")
+            if not margin:
+                raise ValueError(f"shield = {shield!r} must be a law and its margin [N m], such as fuzzy-4-tip:4,2")
+            action = ActionDefinition(margin, period=_SHIELDED)
         self.action = learning_action(arm) if action is None else checks.instance("action", action, ActionDefinition)
         if features is None:
             features = learning_features(joints_of(arm), checks.whole("history", history, high=100))
@@ -110,10 +121,10 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             render_mode=render_mode,
         )
         base = None
-        if self.action.base is not None:
-            base = load_policy(self.action.base, control_period=self.action.period, robot=arm)
+        if named := law or self.action.base:
+            base = load_policy(named, control_period=self.action.period, robot=arm)
         seen = Features(features, self.action.period, arm)
-        self._arms = Lanes(seen, guided(base, self.action.base))
+        self._arms = Lanes(seen, guided(base, named, beside=bool(law)))
         joints, size = joints_of(arm), seen.size + 3 * joints_of(arm) * len(preview)
         if len(self.action.scale) != joints:
             raise ValueError(f"scale = {list(self.action.scale)} must be {joints} numbers, one for each joint")
@@ -267,9 +278,10 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Arguments
     `history` (default none: it improved no run), `preview` in holds (default none, as for the fixed laws in
     comparisons), `early_end` R [m], and `features` and `action`, definitions from a policy's bundle that replace the
-    registered ones. `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` are those of
-    `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`; with your own case, disturbance
-    or reference, nothing is drawn unless `randomisation` is given.
+    registered ones. `shield="fuzzy-4-tip:4,2"` makes the learner a guest of that law, u = u_f + (4, 2) a held for 1 ms,
+    with a bound of the tip whatever it learns. `case`, `disturbance`, `reference`, `parameters`, `robot` and
+    `randomisation` are those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`;
+    with your own case, disturbance or reference, nothing is drawn unless `randomisation` is given.
 
     Examples:
         >>> env = FuzzyArmLearnEnv(case="payload")

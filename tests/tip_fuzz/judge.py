@@ -10,17 +10,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, find_bound, problem_of
+from fuzzyarm.envs.physics.dynamics import tip_position
+from fuzzyarm.policies.tip_bound import PERIOD, LapClaim, TipClaim, find_bound, problem_of
 from fuzzyarm.policies.tip_files import check_bound, save_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 
 from .forge import Attack, Claims, drawn_attack, drawn_fine_attack, forged
 from .motions import Motion, even_stops, simulated
-from .sets import CONSTANTS, Sample, bred_samples, drawn_claim, drawn_light_claim, drawn_samples, policy_of
+from .sets import (
+    CONSTANTS,
+    Sample,
+    bred_samples,
+    drawn_claim,
+    drawn_light_claim,
+    drawn_samples,
+    drawn_start,
+    policy_of,
+)
 
 SAMPLES, BRED = 8, 3  # plants of the first round, and of the second for each of the two closest
 FINE = 5  # every how many tries the motors have little friction and the parts are short
+BOXED = 7  # every how many the motion begins in a box of starts
 FINER = 4, 16  # times more sub-steps for a plant that seems to leave its tube
 INSIDE = (0.05, 0.5, 0.95, 1.0)  # of a segment: where nodes of a motion are, beside those at equal distances
 ROUNDING = np.repeat([1e-13, 1e-11, 1e-13, 1e-11, 1e-8, 1e-8], [4, 4, 2, 2, 2, 4])
@@ -64,6 +75,8 @@ def tried(seed: int, number: int) -> Outcome:
         claim, attack = drawn_light_claim(rng), drawn_fine_attack(rng)
     else:
         claim, attack = drawn_claim(rng), drawn_attack(rng)
+    if number % BOXED == 2:
+        claim = dataclasses.replace(claim, start=drawn_start(np.random.default_rng([seed, number, 1])))
     return attacked(Outcome(seed, number, claim, attack), rng)
 
 
@@ -79,14 +92,14 @@ def attacked(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     outcome.accepted = len(accepted)
     if not accepted:
         return outcome
-    plants = problem.plants
-    courses = plants.force_swing or plants.force_course or any(plants.noise) or plants.friction == "any"
+    plants, box = problem.plants, claim.start is not None
+    courses = plants.force_swing or plants.force_course or any(plants.noise) or plants.friction == "any" or box
     several = problem.plant.parameters or courses  # whether the set has more than one motion
-    samples = drawn_samples(claim.plants, len(accepted), SAMPLES if several else 1, rng)
+    samples = drawn_samples(claim.plants, len(accepted), SAMPLES if several else 1, rng, box)
     closest = _judge(outcome, problem, accepted, samples)
     for sample in closest if problem.plant.parameters else []:
         places = np.array([0.5 + 0.5 * sample.share(claim.plants, *constant) for constant in CONSTANTS])
-        _judge(outcome, problem, accepted, bred_samples(claim.plants, places, len(accepted), BRED, rng))
+        _judge(outcome, problem, accepted, bred_samples(claim.plants, places, len(accepted), BRED, rng, box))
     if outcome.finding:
         _confirm(outcome, claims[: len(accepted)])
     return outcome
@@ -147,14 +160,23 @@ def _ratios(problem: Problem, accepted: list[_Accepted], sample: Sample, motion:
     """Return the largest ratios of a motion to the tip's bounds, to the tube, and to what the columns leave."""
     plants, parameters = problem.plants, problem.plant.parameters
     place = np.array([sample.share(plants, p.kind, p.joint) for p in parameters])
-    tube = column = 0.0
+    tube = column = between = 0.0
     for k, (step, columns, others) in enumerate(accepted):
         left = np.abs(np.array(motion.nodes[k][-1].state) - step.segments[-1].end - columns @ place)
         column = max(column, float(((left - ROUNDING[:8]) / others).max(initial=0.0, where=others > 0.0)))
         tube = max(tube, _tube_ratio(problem, step, motion, k))
+        between = max(between, _between_ratio(problem, step, motion, k))
     bounds = np.array([a.step.tip for a in accepted])
-    tip = float(((motion.tip_errors - TIP_ROUNDING) / bounds).max())
+    tip = max(between, float(((motion.tip_errors - TIP_ROUNDING) / bounds).max()))
     return {"tip": tip, "tube": tube, "column": column}
+
+
+def _between_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
+    """Return the largest ratio of a tip error at a node of a control step to the bound at every instant of it."""
+    states = np.array([node.state for node in motion.nodes[k]])
+    wanted = problem.reference.tip(k * PERIOD + np.array([node.time for node in motion.nodes[k]])).position
+    tips = tip_position(states[:, 2:4], problem.parameters.length)
+    return float((np.linalg.norm(tips - wanted, axis=1).max() - TIP_ROUNDING) / step.whole)
 
 
 def _tube_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
@@ -189,7 +211,7 @@ def _tube_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
 def _confirm(outcome: Outcome, claims: Claims) -> None:
     """Ask the public checker for its word on a finding, by a file: only what it accepts is one."""
     try:
-        bound = find_bound(outcome.claim, claims=claims, policy=policy_of(outcome.claim.policy))
+        bound = find_bound(outcome.claim, claims=[LapClaim(claims)], policy=policy_of(outcome.claim.policy))
     except NoBound as error:
         outcome.finding = f"harness: the tube is not accepted again: {error}"
         return

@@ -40,13 +40,21 @@ def simulated(
     problem, plants, policy = schedule_of(claim), claim.plants, policy_of(claim.policy)
     table, lanes = problem.schedule, range(len(samples))
     arms = [arm_of(claim, sample) for sample in samples]
-    states = [tuple(problem.start.tolist()) for _ in lanes]
+    box = (
+        np.zeros((8 + problem.law.memory, 0))
+        if claim.start is None
+        else claim.start.columns(8 + problem.law.memory, problem.law.memory)
+    )
+    begun = [box @ sample.start[: box.shape[1]] for sample in samples]
+    states = [tuple((problem.start + start[:8]).tolist()) for start in begun]
     nodes: list[list[list[Node]]] = [[] for _ in lanes]
     torques, errors = np.zeros((len(samples), len(stops), 2)), np.zeros((len(samples), len(stops)))
-    memory, waiting = None, None
+    memory, waiting = np.zeros((len(samples), policy.memory_size)), None
+    memory[:, problem.law.remembered] = [start[8:] for start in begun]
     spread = np.repeat(plants.noise, 2)
-    for k, times in enumerate(stops):
-        measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[k] for sample in samples])
+    for number, times in enumerate(stops):
+        k = number % table.steps  # the motion is repeated
+        measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[number] for sample in samples])
         seen = np.hstack([measured, np.repeat(table.references[k : k + 1], len(samples), axis=0)])
         asked, memory = policy.predict(seen, memory)
         asked = np.array(asked, dtype=float)
@@ -54,14 +62,14 @@ def simulated(
         waiting = asked
         for i in lanes:
             sample, arm = samples[i], arms[i]
-            factor = sample.force + plants.force_swing * sample.swing[k]
+            factor = sample.force + plants.force_swing * sample.swing[number]
             x, y, dx, dy = (factor * table.forces[k]).tolist()
-            beside = plants.force_course * sample.course[k]
+            beside = plants.force_course * sample.course[number]
             line = x - 0.5 * dx + beside[0], y - 0.5 * dy + beside[1], dx / PERIOD, dy / PERIOD
-            given = (sample.friction[k] * arm.static).tolist()
+            given = (sample.friction[number] * arm.static).tolist()
             found = list(hold(arm, states[i], acting[i].tolist(), line, times, refined, given))
             nodes[i].append(found)
-            states[i], torques[i, k] = found[-1].state, acting[i]
+            states[i], torques[i, number] = found[-1].state, acting[i]
             tip, wanted = arm.tip(*states[i][2:4]), table.targets[k + 1, :2]
-            errors[i, k] = np.hypot(tip[0] - wanted[0], tip[1] - wanted[1])
+            errors[i, number] = np.hypot(tip[0] - wanted[0], tip[1] - wanted[1])
     return [Motion(nodes[i], torques[i], errors[i]) for i in lanes]

@@ -13,6 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.tip_bound import PATHS, PERIOD, TipClaim, problem_of
+from fuzzyarm.proof.tip.laps import StartBox
 from fuzzyarm.proof.tip.plant import BY_JOINT, PlantSet
 from fuzzyarm.proof.tip.tube import Problem
 
@@ -83,6 +84,12 @@ def drawn_set(rng: np.random.Generator, case: str) -> PlantSet:
     return PlantSet(**ranges)
 
 
+def drawn_start(rng: np.random.Generator) -> StartBox:
+    """Return a box of starts, some of whose widths are zero."""
+    largest = (1e-4, 1e-5, 1e-2, 1e-2, 1e-5)
+    return StartBox(*(0.0 if rng.uniform() < 0.3 else _size(rng, 1e-4 * most, most) for most in largest))
+
+
 def _size(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
@@ -108,6 +115,7 @@ class Sample:
     swing: np.ndarray  # of the case's force (steps,)
     course: np.ndarray  # of the further force (steps, 2)
     noise: np.ndarray  # errors of the encoders (steps, 4)
+    start: np.ndarray  # in a box of starts, or zeros (8 + memory,)
 
     def share(self, plants: PlantSet, kind: str, joint: int) -> float:
         """Return where a constant lies in its range, -1 to 1."""
@@ -116,25 +124,29 @@ class Sample:
         return (2.0 * value - low - high) / (high - low) if high > low else 0.0
 
 
-def drawn_samples(plants: PlantSet, steps: int, count: int, rng: np.random.Generator) -> list[Sample]:
+def drawn_samples(
+    plants: PlantSet, steps: int, count: int, rng: np.random.Generator, box: bool = False
+) -> list[Sample]:
     """Return plants of a set: the corners with all ends low and all high, other ones, and every fifth from within."""
     found = []
     for i in range(count):
         size = len(CONSTANTS)
         ends = np.full(size, float(i)) if i < 2 else rng.integers(0, 2, size).astype(float)
         ends = rng.uniform(size=size) if i % 5 == 4 else ends
-        found.append(sample_at(plants, ends, steps, rng))
+        found.append(sample_at(plants, ends, steps, rng, box))
     return found
 
 
-def bred_samples(plants: PlantSet, best: np.ndarray, steps: int, count: int, rng: np.random.Generator) -> list[Sample]:
+def bred_samples(
+    plants: PlantSet, best: np.ndarray, steps: int, count: int, rng: np.random.Generator, box: bool = False
+) -> list[Sample]:
     """Return corners near the one whose places in the ranges are given."""
     flips = rng.uniform(size=(count, len(CONSTANTS))) < 0.25
-    return [sample_at(plants, np.where(flip, 1.0 - np.round(best), np.round(best)), steps, rng) for flip in flips]
+    return [sample_at(plants, np.where(flip, 1.0 - np.round(best), np.round(best)), steps, rng, box) for flip in flips]
 
 
-def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.Generator) -> Sample:
-    """Return the plant whose constants lie at `places` in [0, 1] of their ranges, with random courses."""
+def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.Generator, box: bool = False) -> Sample:
+    """Return the plant whose constants lie at `places` in [0, 1] of their ranges, with random courses and corners."""
     at = iter(places.tolist())
 
     def value(name: str, joint: int) -> float:
@@ -145,7 +157,8 @@ def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.G
     payload, force = value("payload", 0), value("force", 0)
     courses = [rng.choice([-1.0, 1.0], (steps, 9)), np.repeat(rng.choice([-1.0, 1.0], (1, 9)), steps, axis=0)]
     course = courses[int(rng.integers(2))]
-    return Sample(factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:])
+    start = np.where(rng.uniform(size=20) < 0.5, -1.0, 1.0) if box else np.zeros(20)  # the first of them count
+    return Sample(factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:], start)
 
 
 def arm_of(claim: TipClaim, sample: Sample) -> ElasticArm:

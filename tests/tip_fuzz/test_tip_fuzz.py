@@ -18,7 +18,7 @@ from .__main__ import main
 from .forge import Attack
 from .judge import Outcome, attacked, tried
 
-SLICE = ((0, 0), (0, 6), (0, 17), (0, 18), (0, 21), (0, 22), (0, 138), (1, 4))
+SLICE = ((0, 0), (0, 2), (0, 6), (0, 9), (0, 17), (0, 18), (0, 21), (0, 22), (0, 138), (1, 4))
 """Short tries, by seed and number. (0, 17), (0, 18), (0, 21) and (1, 4), whose tip exceeds its bound, found that the
 acceleration of a motor whose velocity is bounded by itself left out the torques of uncertain constants; (0, 138), that
 the column of an uncertain tip force was too short where the middle of its range is not 1."""

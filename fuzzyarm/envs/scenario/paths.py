@@ -103,7 +103,7 @@ class Circle:
     def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         rate = 2.0 * math.pi * self.turns
-        psi = self.start_angle + rate * np.asarray(s, dtype=float)
+        psi = self.start_angle + rate * _numbers(s)
         outward = self.radius * np.stack([np.cos(psi), np.sin(psi)], axis=-1)
         along = self.radius * np.stack([-np.sin(psi), np.cos(psi)], axis=-1)
         return np.array(self.center) + outward, rate * along, -(rate**2) * outward
@@ -128,7 +128,7 @@ class Line:
 
     def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
-        s = np.asarray(s, dtype=float)[..., np.newaxis]
+        s = _numbers(s)[..., np.newaxis]
         start, direction = np.array(self.start), np.array(self.end) - np.array(self.start)
         return start + s * direction, np.ones_like(s) * direction, np.zeros_like(s) * direction
 
@@ -155,7 +155,7 @@ class Lemniscate:
     def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         rate = 2.0 * math.pi
-        theta = rate * np.asarray(s, dtype=float)
+        theta = rate * _numbers(s)
         # sin θ cos θ = sin(2θ) / 2
         shape = np.stack([np.sin(theta), 0.5 * np.sin(2.0 * theta)], axis=-1)
         d_shape = np.stack([np.cos(theta), np.cos(2.0 * theta)], axis=-1)
@@ -230,6 +230,11 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
     return CubicSpline(knots / knots[-1], points, bc_type="periodic" if closed else "not-a-knot")
 
 
+def _numbers(s: ArrayLike) -> np.ndarray:
+    """Return s as floats, or as it is where it holds other numbers, such as balls."""
+    return s if isinstance(s, np.ndarray) and s.dtype == object else np.asarray(s, dtype=float)
+
+
 def any_point(name: str, value: Any, size: int | None = None) -> Any:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
     count = size or (3 if checks.is_sequence(value, 3) else 2)
@@ -265,7 +270,7 @@ class Square:
     def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""
         rate = 2.0 * math.pi
-        psi = math.pi + rate * np.asarray(s, dtype=float)
+        psi = math.pi + rate * _numbers(s)
         c, z = np.cos(psi), np.sin(psi)
         f, df = c**8 + z**8, 8.0 * (z**7 * c - c**7 * z)
         ddf = 56.0 * c**2 * z**2 * (c**4 + z**4) - 8.0 * f

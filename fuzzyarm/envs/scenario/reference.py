@@ -16,7 +16,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,7 @@ from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 __all__ = [
     "CHECKED_INSTANTS", "LONGEST", "SHORTEST", "JointReference", "PathReference", "Reference", "ReferenceSample",
     "TipSample", "along", "check_limits", "corner_times", "joint_angles", "quintic_time_law", "time_at",
+    "time_law",
 ]  # fmt: skip
 
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
@@ -41,7 +42,11 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
 
     ṡ and s̈ vanish at both ends and beyond; the largest ṡ is 1.875 / duration, half-way.
     """
-    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+    return time_law(np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0), duration)
+
+
+def time_law(x: Any, duration: float) -> tuple[Any, Any, Any]:
+    """Return s, ṡ and s̈ as `quintic_time_law` does, at shares x of the duration, numbers of any type."""
     s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
     ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
     dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2

@@ -38,8 +38,7 @@ from fuzzyarm.eval.sweep._plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise
 from fuzzyarm.fuzzy_policy.policy import Predictor
-from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
-from fuzzyarm.policies.registry import foreign
+from fuzzyarm.policies import PolicySpec, found_again, resolve, resolve_all
 
 __all__ = [
     "Sweep",
@@ -272,8 +271,7 @@ def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:
 
 def _module_files(spec: PolicySpec) -> dict[str, str]:
     """Return the SHA-256, by path, of the Python files in the user's package or module that defines a policy."""
-    of_module = spec.kind is Kind.CODE and not foreign(spec.name)
-    source = source_of(spec.name.partition(":")[0].partition(".")[0]) if of_module else None
+    source = source_of(spec.code.partition(":")[0].partition(".")[0]) if spec.code else None
     if source is None:
         return {}
     files = sorted(source.rglob("*.py")) if source.is_dir() else [source]

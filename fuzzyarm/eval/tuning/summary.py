@@ -109,6 +109,6 @@ def _bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]
         return ""
     within = ", ".join(f"within {at_most(bound, 2)} mm for {PROVEN_SETS[name][1]}" for name, bound in known.items())
     return (
-        f"{policy}: tip {within}, proven at every sample of the default circle, for the elastic arm with sampled "
+        f"{policy}: tip {within}, proven at every instant of the default circle, for the elastic arm with sampled "
         f"control; `fuzzyarm prove --policy {folder}/{policy} --set {list(known)[-1]}` proves it again."
     )

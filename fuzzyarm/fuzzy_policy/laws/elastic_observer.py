@@ -82,7 +82,7 @@ class ElasticObserverPolicy(LawPolicy):
         """The law of the module's docstring."""
         memory = Observed(past_of(self.joints), 0.0, Estimate(*[(0.0,) * self.joints] * len(Estimate._fields)))
         tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
-        return Law(_law_of(*self.where), memory, self._numbers, tables)
+        return Law(_law_of(*self.where), memory, self._numbers, tables, told=True)
 
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
@@ -183,11 +183,11 @@ def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) 
     correct, act, predict = steps_of(physics, kept, cosine, points)
 
     def elastic_observer(
-        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any
+        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any, admit: Any = None
     ) -> tuple[Observed, Any]:
         found = correct(memory, seen, c, observer)
         torque = act(found, seen, c, feedback)
-        applied = within(physics.PerJoint(*torque), c.limit)
+        applied = within(physics.PerJoint(*torque), c.limit) if admit is None else admit(torque)
         return Observed(found.past, 1.0, predict(found.x, applied, c)), torque
 
     return elastic_observer

@@ -83,8 +83,8 @@ class Signal:
         """Return the derivative by time; `rate` is ds/dt [1/s]."""
         return Signal(rate * i * a for i, a in enumerate(self.coefficients[1:], 1))
 
-    def at(self, s: int) -> Any:
-        """Return the value at s = -1 or s = 1."""
+    def at(self, s: Any) -> Any:
+        """Return the value at s = -1 or s = 1, or values that hold it on a ball of s."""
         return sum((a * s**i for i, a in enumerate(self.coefficients)), arb(0))
 
     def range(self) -> Any:

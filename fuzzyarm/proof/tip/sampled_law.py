@@ -79,6 +79,14 @@ class SampledLaw:
         self.remembered = np.flatnonzero((self._held != self._held[:, :1]).any(axis=(0, 1)))
         self.memory = len(self.remembered)
 
+    def repeats(self, steps: int) -> bool:
+        """Return whether all laps of `steps` samples after the first are alike: the third begins like the second.
+
+        What the law remembers of the references alone, and the references themselves, are those of the lap before.
+        """
+        second, third = (np.delete(self._held[lap * steps, 0], self.remembered) for lap in (1, 2))
+        return bool((second == third).all())
+
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
         """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): measured θ, θ̇, memory.
 

@@ -1,4 +1,4 @@
-"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample."""
+"""The tube along a motion: sample, hold, next sample; and the bound of the tip error."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.proof.tip._between import between_samples
 from fuzzyarm.proof.tip._defects import Forces, Signal, TipForces
 from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
+from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.sampled_law import Response, SampledLaw
@@ -93,11 +96,15 @@ class Problem:
 
     parameters: ArmParameters  # of the policy's arm
     start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
+    reference: JointReference  # the motion, of one lap
     schedule: Schedule  # reference, tip force and target of every control step
     period: float  # T [s]
     law: SampledLaw  # the policy, sample by sample
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
+    box: StartBox | None = None  # about the start, in which the first lap begins; None: in the start itself
+    # δ (2,) [N m] by which a guest moves the law's torque at every sample; the motors' limits apply afterwards
+    guest: tuple[float, ...] = (0.0,) * JOINTS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +115,7 @@ class Step:
     segments: tuple[Segment, ...]  # the centre
     closed: tuple[Closed, ...]  # the tube on each of them
     tip: float  # bound of the tip error at its end [m]
+    whole: float  # bound of the tip error at every instant of it [m]
     # share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m]
     sources: np.ndarray
 
@@ -133,19 +141,50 @@ class _State:
         numbers = STATES + problem.law.memory + JOINTS * problem.plants.late
         start = Zonotope(numbers, len(problem.plant.parameters))
         still = (Speed(0.0, 0.0),) * JOINTS
+        if problem.box is not None:
+            start.add(problem.box.columns(numbers, problem.law.memory), SOURCES.index("start of the lap"))
+            still = (Speed(-math.inf, math.inf),) * JOINTS
         return cls(problem.start, np.zeros(problem.law.memory), start, still, (None,) * JOINTS, None)
+
+    @classmethod
+    def within(cls, start: LapSet) -> _State:
+        """Return the state in which a later lap begins: any of a set."""
+        speeds, waiting = (Speed(-math.inf, math.inf),) * JOINTS, start.waiting if len(start.waiting) else None
+        return cls(start.centre, start.memory, start.deviations(), speeds, (None,) * JOINTS, waiting)
+
+    @property
+    def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The centre of a `LapSet`."""
+        return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
+
+    def around(self) -> LapSet:
+        """Return a set that holds this state, for the start of the next lap."""
+        return LapSet.around(self.point, self.deviations)
+
+    def filled(self, start: LapSet) -> float:
+        """Return how far a set is filled by this state, which lies inside if that is at most 1."""
+        return start.filled(self.point, self.deviations)
 
 
 class Tube:
     """The tube, step by step: iterate over it."""
 
-    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None) -> None:
-        """Begin at rest on the reference, as the environment does.
+    def __init__(
+        self,
+        problem: Problem,
+        claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None,
+        start: LapSet | None = None,
+    ) -> None:
+        """Begin a lap in a set, where policies have done laps before; None: the first, as the environment begins it.
 
         The claims are the segments of the centre in each control step, with their tube and plans from a file, which are
         confirmed without a search. None: search for the tube.
         """
-        self.problem, self._claims, self.state = problem, claims, _State.at_rest(problem)
+        self.problem, self._claims = problem, claims
+        self.state = _State.at_rest(problem) if start is None else _State.within(start)
+        self.begin = start
+        self._first = 0 if start is None else problem.schedule.steps  # sample of the law at which the lap begins
+        self._tip = 0.0  # bound of the tip error at the last sample [m]
         memory = range(STATES, STATES + problem.law.memory)
         self._seen = [*range(STATES)[ROWS.theta], *range(STATES)[ROWS.d_theta], *memory]
         self._centre = Centre(problem.plant.middle, problem.period)
@@ -154,6 +193,7 @@ class Tube:
         """Advance to the end of the motion; `NoBound` if there is no tube."""
         with ctx.workprec(BITS):
             check_curve(self.problem.plant.exact)
+            self._tip, _ = self._bound(0)
         for k in range(self.problem.schedule.steps):
             with ctx.workprec(BITS):
                 yield self._step(k)
@@ -180,10 +220,17 @@ class Tube:
         keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
         z.columns, z.box = z.columns[keep], z.box[keep]
         z.tidy(_ROUNDING)
-        wanted = problem.schedule.targets[k + 1, :2].tolist()
-        return Step(
-            torque, tuple(segments), tuple(closed), *tip_bound(self.state.centre, z, problem.plant.exact, wanted)
+        before, (self._tip, sources) = self._tip, self._bound(k + 1)
+        arc = between_samples(
+            problem.reference, k * problem.period, problem.period, segments, closed, problem.plant.exact
         )
+        whole = (max(before, self._tip) + arc) * ROUND_UP
+        return Step(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
+
+    def _bound(self, k: int) -> tuple[float, np.ndarray]:
+        """Return the bound of the tip error at the k-th sample, and its shares."""
+        wanted = self.problem.schedule.targets[k, :2].tolist()
+        return tip_bound(self.state.centre, self.state.deviations, self.problem.plant.exact, wanted)
 
     def _next_drags(self) -> list[float | None]:
         """Return the centre's constant friction torques, for motors whose velocity has an uncertain sign."""
@@ -241,7 +288,15 @@ class Tube:
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
         point = np.concatenate([state.centre[ROWS.theta], state.centre[ROWS.d_theta], state.memory])
-        return self._held(problem.law.respond(k, point, seen))
+        answer = problem.law.respond(self._first + k, point, seen)
+        if any(problem.guest):  # any w of this sample with |w_j| <= δ_j, and the rounding of u_f ± δ
+            u, own = slice(0, JOINTS), np.zeros((len(answer.box), JOINTS))
+            own[u] = np.diag(problem.guest)
+            box = answer.box.copy()
+            size = np.abs(answer.middle[u]) + np.abs(answer.columns[u]).sum(axis=1) + box[u] + problem.guest
+            box[u] += SLACK * size
+            answer = Response(answer.middle, np.hstack([answer.columns, own]), box)
+        return self._held(answer)
 
     def _held(self, answer: Response) -> np.ndarray:
         """Add the policy's answer to the zonotope; return the torque at the centre (2,) [N m] that is held."""
@@ -262,6 +317,8 @@ class Tube:
         z.source = np.concatenate([z.source, np.full(more, _LAW)])
         state.memory = answer.middle[JOINTS:]
         radius = z.totals()[STATES : STATES + JOINTS]
+        # With |u_f| below a limit, the limited u_f + w is u_f + w' with |w'| <= |w|: the guest may reach the limit.
+        radius -= (1.0 - SLACK) * np.array(self.problem.guest)
         for joint, limit in enumerate(self.problem.parameters.torque_limit):
             if not abs(torque[joint]) + radius[joint] < limit:
                 raise NoBound(

@@ -15,7 +15,7 @@ from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK
 
 __all__ = ["SOURCES", "Zonotope", "merged", "product", "reach"]
 
-SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
+SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding", "start of the lap")
 """The sources of the columns that belong to no uncertain constant."""
 
 _BOX_EVERY = 5  # periods after which the box becomes columns; until then it grows with |Φ|

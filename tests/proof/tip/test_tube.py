@@ -69,7 +69,7 @@ def test_files_that_are_none(exact, tmp_path, capsys):
     content = json.loads(path.read_text())
     for name, value in (
         ("policy", "fuzzy-99"),
-        ("path", "square"),
+        ("path", "cube"),
         ("plants", {"mass": [1.0]}),
         ("files", {"a": "b"}),
         ("set_name", "near"),
@@ -103,7 +103,7 @@ def test_no_bound_is_exit_code_1_and_bad_sets_and_names_are_2(tmp_path, capsys):
     for change in (
         {"set_name": "n\u0435ar"},
         {"set_name": "near"},
-        {"path": "square"},
+        {"path": "cube"},
         {"plants": {}},
         {"steps": 1501},
     ):
@@ -134,7 +134,10 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     words = ["prove", "--set", str(wanted), "--steps", "2", "--cells", "payload", "2", "--out", str(out)]
     assert main(words) == 0
     assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
-    assert "at the first 2 of 1500 samples of the circle in 1.5 s, case nominal, from rest" in capsys.readouterr().out
+    assert (
+        "at every instant of the first 2 of 1500 control steps of a lap of the circle in 1.5 s, case nominal, from rest"
+        in capsys.readouterr().out
+    )
     assert main(["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
     assert "set with payload from 0.1 to 0.2 kg, proven" in check_bound(tmp_path / "loads-002.json").sentence

@@ -110,7 +110,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         behind = self._behind
         given = behind.constants, tuple(map(float, self.fallback.torque_limit))
         held = places(equations_of(self.arm)), behind.memory
-        return Law(self._answer_of(), held, given, (*self.settings.tables, *behind.tables))
+        return Law(self._answer_of(), held, given, (*self.settings.tables, *behind.tables), told=True)
 
     @functools.cached_property
     def _beside(self) -> Kernel:
@@ -125,15 +125,19 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return the law ``answer(memory, seen, given, *tables, known)``; `known` as for `Room`."""
+        """Return the law ``answer(memory, seen, given, *tables, known, admit)``; `known`: `Room`, `admit`: `Law`."""
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
-        def answer(memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None) -> tuple[Any, Any]:
+        def answer(
+            memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None, admit: Any = None
+        ) -> tuple[Any, Any]:
             (m, behind), s = memory, settings.with_tables(tables[:own])
             room, torque = Room(physics, s, known), array(physics.joints)
             correct(m, s, room, seen)
             act(room.acted, m, s, room, torque)
+            for j, applied in enumerate(() if admit is None else admit([torque[j] for j in range(physics.joints)])):
+                m.commands[0, j] = applied
             predict(m, s, room, torque)
             found = behind, physics.PerJoint(*(torque[j] for j in range(physics.joints)))
             lost = m.flags[FLAG.lost] == 1.0

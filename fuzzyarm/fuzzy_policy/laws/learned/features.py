@@ -137,10 +137,11 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
     return at + len(numbers)
 
 
-def guided(base: Policy | None, name: str | None = None) -> Law:
+def guided(base: Policy | None, name: str | None = None, *, beside: bool = False) -> Law:
     """Return the law of a base whose target actions shift, ``act(memory, seen, told, constants, *tables)``.
 
-    `told` is scale · a (n,); without a base it is the torque. ValueError if the base of this name has no law.
+    `told` is scale · a (n,); without a base it is the torque, and `beside` a base it is added to the base's. ValueError
+    if the base of this name has no law.
     """
     if base is None:
         return Law(lambda memory, seen, told, given: (memory, told), (), ())
@@ -153,6 +154,9 @@ def guided(base: Policy | None, name: str | None = None) -> Law:
     command = within_limits(law, base.joints, base.integral_at)
 
     def act(memory: Any, seen: Observation, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
+        if beside:
+            memory, torque = command(memory, seen, given, *tables)
+            return memory, type(torque)(*(u + v for u, v in zip(torque, told, strict=True)))
         motors = type(seen.q_motor)(*(q - shift for q, shift in zip(seen.q_motor, told, strict=True)))
         return command(memory, seen._replace(q_motor=motors), given, *tables)
 

@@ -121,15 +121,17 @@ class LearnedObserverPolicy(LawPolicy):
         """The law of the module's docstring."""
         act = self._act_of()
 
-        def alone(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[_Memory, Any]:
-            after, torque, *_ = act(memory, seen, c, *tables)
+        def alone(
+            memory: _Memory, seen: Observation, c: Constants, *tables: Any, admit: Any = None
+        ) -> tuple[_Memory, Any]:
+            after, torque, *_ = act(memory, seen, c, *tables, admit=admit)
             return after, torque
 
         at_rest = self.elastic.control_law
         filter_places, hidden = places(equations_of(self.parameters)), Cells((self.network.hidden,))
         memory = _Memory(at_rest.memory, (0.0,) * self.joints, filter_places, hidden)
         tables = (*at_rest.tables, *self.adaptive.settings.tables, *self.network.layers)
-        return Law(alone, memory, at_rest.constants, tables)
+        return Law(alone, memory, at_rest.constants, tables, told=True)
 
     @functools.cached_property
     def _observing(self) -> Kernel:
@@ -155,7 +157,9 @@ class LearnedObserverPolicy(LawPolicy):
         in_z, in_c = unexplained_parts(joints, physics.axes), context_parts(joints, physics.axes)
         see_context, torques = signals.context_of(physics), units.torque.tolist()
 
-        def learned(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[Any, ...]:
+        def learned(
+            memory: _Memory, seen: Observation, c: Constants, *tables: Any, admit: Any = None
+        ) -> tuple[Any, ...]:
             feedback, observer, *others = tables
             s, layers = settings.with_tables(others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
             m, h, room, adaptive = memory.filter, memory.hidden, Room(physics, s), array(joints)
@@ -178,7 +182,8 @@ class LearnedObserverPolicy(LawPolicy):
             lost = m.flags[FLAG.lost] != 0.0
             residual = tuple(select(lost, 0.0, rho) for rho in answer)
             torque = tuple(u + unit * rho for u, unit, rho in zip(base, torques, residual, strict=True))
-            applied = [minimum(maximum(u, -most), most) for u, most in zip(torque, limit, strict=True)]
+            limited = [minimum(maximum(u, -most), most) for u, most in zip(torque, limit, strict=True)]
+            applied = limited if admit is None else admit(torque)
             for i, u in enumerate(applied):
                 m.commands[0, i] = u
             observed = Observed(found.past, 1.0, predict(found.x, applied, c))

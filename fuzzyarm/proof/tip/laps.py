@@ -1,0 +1,194 @@
+"""The sets of states in which a lap begins: a box about the environment's start, and sets that hold the ends of laps.
+
+    x = c + C π + G g,      |g_i| <= 1,      π: the factors of the uncertain constants, the same in every lap.
+
+x are the numbers of the tube: θ, q, θ̇, q̇, those of the policy's memory and, where torques act late, the torque that
+acts next. The tube may begin with such a set in place of one state. If its end after a lap lies in the set in which the
+next one begins, the bounds of both laps hold one after the other; if it lies in its own, they hold in every later lap.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_json, read_toml, record
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.proof.tip.enclosures import SLACK
+from fuzzyarm.proof.tip.transition import ROWS, STATES
+from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope, merged, reach
+
+__all__ = ["LapSet", "StartBox"]
+
+_Width = float | tuple[float, float]  # of both joints, or of each
+_UNITS = {"angle": "rad", "bending": "rad", "velocity": "rad/s", "bending_velocity": "rad/s"}
+_WIDEST = 1e3  # half a width, in its unit
+_KEPT = 1500  # columns of the end of a lap that stay apart in the set around it
+_NARROW = 1e-6  # totals below which none does: such a set is far below any bound of interest
+_ROOM, _WIDE_ROOM = 1.005, 1.5  # by which that set is larger, with columns that stay apart and without
+_LEAST = 1e-11, 1e-11, 1e-10, 1e-10  # reach of it in θ, q [rad], θ̇ and q̇ [rad/s]; of other numbers see `around`
+_ALIKE = 0.9  # cosine of columns from which one is taken as a multiple of the other
+
+
+@dataclasses.dataclass(frozen=True)
+class StartBox:
+    """Half the widths of a box of starts about the environment's own; one number, or one for each joint."""
+
+    angle: _Width = 0.0  # of the motors, with the bending fixed [rad]
+    bending: _Width = 0.0  # of the joints, θ - q [rad]
+    velocity: _Width = 0.0  # of the motors, with the bending's fixed [rad/s]
+    bending_velocity: _Width = 0.0  # of the joints, θ̇ - q̇ [rad/s]
+    memory: float | tuple[float, ...] = 0.0  # of what the policy remembers, in its units; one number, or one for each
+
+    def __post_init__(self) -> None:
+        for name in (*_UNITS, "memory"):
+            given, unit = getattr(self, name), _UNITS.get(name, "")
+            if isinstance(given, tuple | list):
+                count = JOINTS if name in _UNITS else len(given)
+                widths: Any = checks.reals(name, given, count, unit, low=0.0, high=_WIDEST)
+                widths = widths[0] if name in _UNITS and len(set(widths)) == 1 else widths
+            else:
+                widths = checks.real(name, given, unit, low=0.0, high=_WIDEST)
+            object.__setattr__(self, name, widths)
+
+    @classmethod
+    def of(cls, words: Sequence[str]) -> StartBox:
+        """Return the box of a TOML or JSON file of the fields, or of one number for each."""
+        if len(words) == len(dataclasses.fields(cls)):
+            try:
+                return cls(*map(float, words))
+            except ValueError as error:
+                raise ValueError(f"start: {error}") from None
+        path = Path(words[0])
+        if len(words) > 1 or path.suffix not in (".toml", ".json"):
+            names = ", ".join(field.name for field in dataclasses.fields(cls))
+            raise ValueError(
+                f"start = {checks.shown(' '.join(words))} must be a .toml or .json file, or numbers: {names}"
+            )
+        try:
+            return record(read_toml(path) if path.suffix == ".toml" else read_json(path), cls)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def in_words(self) -> str:
+        """Return the widths that are not zero: "angle ± 0.0005 rad, ..."."""
+
+        def numbers(width: Any) -> str:
+            return " and ".join(map(repr, width)) if isinstance(width, tuple) else repr(width)
+
+        named = {name: getattr(self, name) for name in (*_UNITS, "memory")}
+        parts = [f"{k.replace('_', ' ')} ± {numbers(w)} {_UNITS.get(k, '')}".strip() for k, w in named.items() if w]
+        return ", ".join(parts) or "one state"
+
+    def columns(self, numbers: int, memory: int) -> np.ndarray:
+        """Return the columns (numbers, 8 + memory) of the box, for a policy that remembers `memory` numbers."""
+        if isinstance(self.memory, tuple) and len(self.memory) != memory:
+            raise ValueError(f"memory has {len(self.memory)} numbers; this policy remembers {memory}")
+        halves = [np.broadcast_to(getattr(self, name), JOINTS) for name in _UNITS]
+        made = np.zeros((numbers, STATES + memory))
+        angle, bending = np.diag(np.concatenate(halves[0::2])), np.diag(np.concatenate(halves[1::2]))
+        motors, links = np.r_[ROWS.theta, ROWS.d_theta], np.r_[ROWS.link, ROWS.d_link]
+        made[np.ix_(motors, range(4))], made[np.ix_(links, range(4))] = angle, angle
+        made[np.ix_(links, range(4, 8))] = -bending
+        made[STATES : STATES + memory, STATES:] = np.diag(np.broadcast_to(self.memory, memory))
+        return made
+
+
+class LapSet(NamedTuple):
+    """A set in which a lap begins, of `numbers` numbers x."""
+
+    centre: np.ndarray  # c of θ, q, θ̇, q̇ (8,)
+    memory: np.ndarray  # c of the policy's memory (m,)
+    waiting: np.ndarray  # c of the torque that acts next (2,) [N m]; (0,) where none acts late
+    constants: np.ndarray  # C (numbers, constants)
+    columns: np.ndarray  # G (numbers, n); the last `numbers` of them are linearly independent
+
+    @classmethod
+    def around(cls, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> LapSet:
+        """Return a set that is larger than the end of a lap: `point` c, (8,), (m,), (0 or 2,), and deviations from it.
+
+        Its columns are the largest ones of the deviations, and a parallelepiped that holds all others.
+        """
+        constants, others = _parted(deviations)
+        totals = deviations.totals()
+        apart, room = (_KEPT, _ROOM) if totals.max() > _NARROW else (0, _WIDE_ROOM)
+        least = np.concatenate([np.repeat(_LEAST, JOINTS), 1e-3 * totals[STATES:] + 1e-13])
+        order = np.argsort((1.0 / (totals + least)) @ -np.abs(others), kind="stable")
+        kept, rest = others[:, order[:apart]], others[:, order[apart:]]
+        block, missed = merged(np.hstack([rest, np.diag(deviations.box + least)]))
+        W = np.linalg.inv(block)
+        block = block * (room + (room - 1.0) * reach(W, kept) + np.abs(W) @ missed)
+        return cls(*point, constants, np.hstack([room * kept, block]))
+
+    def deviations(self) -> Zonotope:
+        """Return C π + G g as a zonotope; its columns come from no source but the start."""
+        numbers, constants = self.constants.shape
+        made = Zonotope(numbers, constants)
+        made.columns = np.hstack([self.constants, self.columns])
+        made.source = np.concatenate([made.source, np.full(self.columns.shape[1], SOURCES.index("start of the lap"))])
+        return made
+
+    def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
+        """Return the largest |g_i| that the end of a lap needs in this set: it lies inside if that is at most 1.
+
+        Its point is (8,), (m,), (0 or 2,), as in `around`.
+
+        With G = [G', B] and the columns Y of c⁺ - c, C⁺ - C and of the end's own, g' = Γ' y for any Γ', and
+        B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|),
+        x = B g''.
+        """
+        numbers, block = len(self.columns), self.columns[:, -len(self.columns) :]
+        constants, others = _parted(deviations)
+        if [*map(np.shape, self[:4]), numbers] != [*map(np.shape, (*point, constants)), len(others)]:
+            return math.inf
+        shift = np.concatenate(point)[:, np.newaxis] - np.concatenate(self[:3])[:, np.newaxis]
+        kept, factors, rest = _shared(self.columns[:, :-numbers], others)
+        try:
+            W = np.linalg.inv(block)
+        except np.linalg.LinAlgError:
+            return math.inf
+        sizes = np.abs(kept) @ np.abs(factors) + 2.0 * np.abs(others).sum(axis=1)
+        columns = np.hstack([shift, constants - self.constants, rest])
+        sizes += np.abs(columns[:, : 1 + constants.shape[1]]).sum(axis=1) + deviations.box
+        image = reach(W, columns) + np.abs(W) @ (deviations.box + 4.0 * SLACK * sizes)
+        error = np.abs(np.eye(numbers) - W @ block) + 4.0 * SLACK * np.abs(W) @ np.abs(block)
+        left = 1.0 - error.sum(axis=1).max()
+        if not left > 0.5:
+            return math.inf
+        own = (image + error.sum(axis=1) * image.max() / left) * (1.0 + 4.0 * SLACK)
+        return float(max(own.max(), np.abs(factors).max(initial=0.0)))
+
+
+def _parted(deviations: Zonotope) -> tuple[np.ndarray, np.ndarray]:
+    """Return the columns of the constants, and the others."""
+    first = int((deviations.source < 0).sum())
+    return deviations.columns[:, :first], deviations.columns[:, first:]
+
+
+def _shared(kept: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `kept` (numbers, k), factors (k,) of at most 1, and what is left of columns (numbers, n).
+
+    Each of `columns` that is nearly a multiple of one of `kept` is taken as that multiple, once for each of `kept`.
+    """
+    if not kept.shape[1] or not columns.shape[1]:
+        return kept, np.zeros(kept.shape[1]), columns
+    units = np.abs(columns).sum(axis=1) + 1e-300
+    a, b = kept / units[:, np.newaxis], columns / units[:, np.newaxis]
+    long, wide = np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0)
+    rest, factors, used = columns.copy(), np.zeros(kept.shape[1]), np.zeros(columns.shape[1], dtype=bool)
+    for i in np.argsort(-long)[: np.count_nonzero(long)]:
+        products = a[:, i] @ b
+        distance = np.linalg.norm(b - a[:, [i]] * np.clip(products / long[i] ** 2, -1, 1), axis=0)
+        gain = np.where(used, -1.0, wide - distance)
+        j = int(np.argmax(gain))
+        if gain[j] > _ALIKE * wide[j]:
+            factors[i] = min(max(products[j] / long[i] ** 2, -1.0), 1.0)
+            rest[:, j] -= factors[i] * kept[:, i]
+            used[j] = True
+    return kept, factors, rest
