@@ -55,24 +55,23 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
         constants, limit = given
         after, torque = law.act(memory, seen, constants, *tables)
         torque = type(seen.q_motor)(*torque)
-        acting = within(torque, limit)
         if integral_at is not None:
-            after = held_at_limits(memory, after, integral_at, torque, acting)
-        return after, acting
+            after = held_at_limits(memory, after, integral_at, torque, [(-most, most) for most in limit])
+        return after, within(torque, limit)
 
     return command
 
 
-def held_at_limits(memory: Any, after: Any, integral_at: int, asked: Any, acting: Any) -> Any:
-    """Return the memory `after` a sample, with integrals that would drive torques `asked` further from those `acting`.
+def held_at_limits(memory: Any, after: Any, integral_at: int, asked: Any, limits: Any) -> Any:
+    """Return the memory `after` a sample, with integrals held that would drive torques further beyond their limits.
 
-    Such an x_I,j is held: u_j was too large and Δx_I,j < 0, or too small and Δx_I,j > 0, see `Policy.command`.
+    x_I,j is held if u_j > high_j and Δx_I,j < 0, or u_j < low_j and Δx_I,j > 0, see `Policy.command`.
     """
     before, numbers = flat(memory), flat(after)
-    for joint, (wanted, given) in enumerate(zip(asked, acting, strict=True)):
+    for joint, (torque, (low, high)) in enumerate(zip(asked, limits, strict=True)):
         at = integral_at + joint
         change = numbers[at] - before[at]
-        further = ((wanted > given) & (change < 0.0)) | ((wanted < given) & (change > 0.0))
+        further = ((torque > high) & (change < 0.0)) | ((torque < low) & (change > 0.0))
         numbers[at] = select(further, before[at], numbers[at])
     return like(after, iter(numbers))
 

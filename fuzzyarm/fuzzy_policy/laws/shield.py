@@ -98,10 +98,10 @@ class ShieldedPolicy(LawPolicy):
 
             told = {"admit": admit} if guest.told else {}
             after, asked = guest.act(behind, seen, of_guest, *tables[own:], **told)
-            torque = admit(asked)
             if at is not None:
-                after = held_at_limits(behind, after, at, whole(asked), torque)
-            return (m, after), torque
+                limits = [(u - most, u + most) for u, most in zip(u_f, margin, strict=True)]
+                after = held_at_limits(behind, after, at, whole(asked), limits)
+            return (m, after), admit(asked)
 
         limit = tuple(map(float, self.law.torque_limit))
         constants = ((law.constants, limit), guest.constants, self.margin)
