@@ -88,7 +88,7 @@ PROOFS = {
                 "policy": "{policy}",
                 "case": "{case}",
                 "set": _plants_of_bound,
-                "motion": "{path}, {duration:g} s",
+                "motion": lambda row: f"{row['path']}, {row['duration']:g} s{', for ever' * (row['laps'] == 'ever')}",
                 "proven [mm]": _if_proven(lambda row: at_most(row["bound_mm"], 4), "none"),
                 "simulated [mm]": _if_proven("{simulated_mm:.4g}"),
                 "largest ratio": _if_proven(lambda row: _ratio(row["largest_ratio"])),
@@ -96,7 +96,8 @@ PROOFS = {
             },
             left=4,
         ),
-        "The largest tip error at any sample: proven for every plant of the set, and the largest of the simulated ones "
+        "The largest tip error at any instant: proven for every plant of the set, in every lap where the motion is for "
+        "ever, and the largest of the simulated ones "
         "(one plant for `table-1`, integrated event by event; else {plants} of each set, half at its corners); the "
         "largest ratio of an error to the bound at the same sample. Time on one core. `{command}`",
     ),

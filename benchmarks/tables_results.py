@@ -21,7 +21,7 @@ __all__ = ["EVALUATIONS", "README", "on_the_circle", "tips"]
 
 _OF_THE_TIP = (
     "[Proven](docs/theory/certificate.md), of the rigid arm: decay and L2 gain in a box; of the tip: a bound at every "
-    "sample of the nominal case, on the elastic arm with sampled control, for every arm of a set. `near`: stiffness "
+    "instant of the nominal case, on the elastic arm with sampled control, for every arm of a set. `near`: stiffness "
     "± 2 %, damping ± 10 %, masses ± 0.5 %, motor inertias ± 1 %, dry friction ± 20 %; any friction: any torque up to "
     "the static one; exact: the arm of Table 1 alone, known exactly."
 )
@@ -59,7 +59,7 @@ def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
         ]
         for row in document["rows"]
     ]
-    headings = [*(f"{case}" for case in PAPER_CASES), "with noise", "99 % of plants", "proven, nearby arms"]
+    headings = [*(f"{case}" for case in PAPER_CASES), "with noise", "99 % of plants", "proven, nearby arms, for ever"]
     made = made_with(document, [near[row["policy"]] for row in document["rows"] if row["policy"] in near])
     return (
         f"{markdown(['tip error, rms [mm]', *headings], rows)}\n\n"
@@ -67,7 +67,7 @@ def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
         "of random arms with random loads stay below in the worst case. Learned: the shipped policy, and the range of "
         "five seeds. `paper-4`: the paper's Theorem 2 solved as printed; `paper-4-printed`: the gains that it prints. "
         "Proven: the [tip's bound](docs/theory/tip.md) for stiffness ± 2 %, damping ± 10 %, masses ± 0.5 %, motor "
-        "inertias ± 1 %, dry friction ± 20 %, at every sample of the nominal case. "
+        "inertias ± 1 %, dry friction ± 20 %, at every instant of the nominal case, repeated for ever. "
         f"`{document['command']}`, `{bounds['command']}`; {made}"
     )
 

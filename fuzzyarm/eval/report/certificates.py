@@ -49,7 +49,7 @@ _SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
 _PERCENT = 150.0  # beside a bar, for its number [px]
 _WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
 _TUBE_NOTE = (
-    "Band: the tip error that is proven at every sample, for every plant of the set, to either side of the path; line "
+    "Band: the tip error that is proven at every instant, for every plant of the set, to either side of the path; line "
     "in it: the tip of the replayed episode. Both are magnified around the path. Bar: the largest tip error of that "
     "episode as a share of the bound. The files were checked again when this report was made."
 )
