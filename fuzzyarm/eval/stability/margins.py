@@ -14,6 +14,7 @@ from rich.console import Console
 
 from fuzzyarm.common.checks import distinct, instance, listed
 from fuzzyarm.common.console import Sheet, print_paragraphs
+from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -84,12 +85,15 @@ class MarginsConfig:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of `fuzzyarm
             tune`, otherwise all named ones, for a robot `ANY_ROBOT`.
         robot: for both plant and policies, as for `chosen_arm`; None: Table 1.
+        control_period: time between two actions [s].
     """
 
     policies: tuple[str, ...] | None = None
     robot: str | os.PathLike[str] | AnyArm | None = None
+    control_period: float = CONTROL_PERIOD
 
     def __post_init__(self) -> None:
+        checked_period("control_period", self.control_period)
         if self.policies is not None:
             distinct("policies", self.policies)
         if not isinstance(self.robot, str | os.PathLike):
@@ -113,6 +117,8 @@ class MarginsConfig:
         words += [word for policy in self.policies or () for word in ("--policy", recorded(policy))]
         if self.robot is not None:
             words += ["--robot", recorded(os.fspath(self.robot))]
+        if self.control_period != CONTROL_PERIOD:
+            words += ["--control-period", f"{self.control_period:g}"]
         return shlex.join(words)
 
 
@@ -129,9 +135,9 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
     policies = {}
     for label, spec in resolve_all(config.names(), run_code=True).items():
-        policy = spec.load(CONTROL_PERIOD, arm)
+        policy = spec.load(config.control_period, arm)
         period = policy.action_period  # over that time the loop is one map
-        policies[label] = policy if period == CONTROL_PERIOD else spec.load(period, arm)
+        policies[label] = policy if period == config.control_period else spec.load(period, arm)
     rows = []
     for name, policy in policies.items():
         rows.append({"policy": name, **policy_margins(policy, arm, policy.control_period)})
@@ -140,7 +146,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     return {
         "schema": _SCHEMA,
         **made_now(config.command()),
-        "method": {"control_period": CONTROL_PERIOD, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
+        "method": {"control_period": config.control_period, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
         **described,
         "conditions": [dataclasses.asdict(condition) for condition in _conditions_for(arm)],
         "rows": rows,
@@ -215,7 +221,7 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     return (
         f"{text}\n\nWARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller "
         f"is unstable {worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and look at the "
-        "margins again before you run it"
+        "margins again before you run it."
     )
 
 
