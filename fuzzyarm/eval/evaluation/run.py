@@ -15,7 +15,7 @@ from fuzzyarm.common.checks import choice, distinct, instance, interval, path_of
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
-from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, chosen_arm
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, Case, case_for, find_case, with_loads
@@ -28,8 +28,8 @@ from fuzzyarm.eval.declarations import declarations_of, written_declarations
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
-from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import json_text, made_now
+from fuzzyarm.eval.stability.at_rest import remark_on
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
 from fuzzyarm.proof.policy_certificate import certificate_of
@@ -164,7 +164,7 @@ class Evaluation:
     bounds: dict[str, dict[str, Any] | None]  # in numbers, `PolicyCertificate.bounds`
     made_with: dict[str, Any]
     declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: not declared
-    remarks: tuple[str, ...] = ()  # a line about each policy that is at a torque limit for long
+    remarks: tuple[str, ...] = ()  # a line about each policy at a torque limit for long, or unstable
 
     @property
     def complete(self) -> bool:
@@ -227,8 +227,18 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] = lambda: No
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
     made_with = made_now(config.command()) | {"policy_files": {label: spec.files() for label, spec in specs.items()}}
-    remarks = saturation(rollouts, policies, config.arm, config.control_period)
-    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, remarks)
+    remarks = (
+        remark_on(name, policy, config.arm, config.control_period, _saturated(rollouts, name, config.arm))
+        for name, policy in policies.items()
+    )
+    lines = tuple(filter(None, remarks))
+    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, lines)
+
+
+def _saturated(rollouts: Sequence[Rollout], name: str, arm: AnyArm) -> float:
+    """Return the share of a policy's steps with a motor at its torque limit."""
+    limit = bounds_of(arm).torque
+    return float(np.mean(np.concatenate([(abs(r.torque) >= limit).any(axis=1) for r in rollouts if r.policy == name])))
 
 
 def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:
