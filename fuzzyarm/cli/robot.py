@@ -52,8 +52,6 @@ class Options:
         output_file(out, ".toml")
         if self.model.suffix not in (".urdf", ".xml"):
             raise UsageError(f"{self.model} must be a file ending in .urdf or .xml")
-        if self.out is None and out.exists():
-            raise UsageError(f"{out} exists; say with --out FILE where to write")
         try:
             robot = completed(self.model, _tip(self.tip), self._given(), self.like, self.fixed)
         except ModuleNotFoundError as error:
@@ -61,6 +59,8 @@ class Options:
         except Lacking as error:
             _ask(self.model, error)
             return 1
+        if self.out is None and out.exists():
+            raise UsageError(f"{out} exists; say with --out FILE where to write")
         write_atomically(out, robot.to_toml())
         say("\n".join(robot.assumptions))
         say(f"{_NOT_MODELLED}\n{len(robot)} joints, written to {out}")
@@ -96,10 +96,13 @@ def _number(entry: str, quantity: str, text: str) -> Any:
 
 
 def _tip(text: str | None) -> Any:
-    try:
-        return None if text is None else tuple(map(float, text.split(",")))
-    except ValueError:
+    if text is None or "," not in text:
         return text
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise UsageError(f"--tip {text} must be a name, or three numbers X,Y,Z [m]") from None
+    return x, y, z
 
 
 def _ask(model: Path, lacking: Lacking) -> None:

@@ -142,7 +142,8 @@ class LinearModels:
             for j in range(len(self.posture)):
                 found = self.one_motor(j).response(np.exp(1j * omega * self.control_period))[:, 0, 0]
                 size.loglog(omega, np.abs(found), label=f"motor {j + 1}")
-                phase.semilogx(omega, np.degrees(np.unwrap(np.angle(found))))
+                degrees = np.degrees(np.unwrap(np.angle(found)))  # on the branch that ends near -180
+                phase.semilogx(omega, degrees - 360.0 * np.round((degrees[-1] + 180.0) / 360.0))
             size.axhline(1.0, color="0.6", linewidth=0.8)
             size.set(title="open loop of a motor, the others closed", ylabel="|L|")
             phase.set(xlabel="frequency [rad/s]", ylabel="phase [deg]")
