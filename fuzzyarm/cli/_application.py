@@ -205,7 +205,7 @@ def _name_left_out(robot: Any) -> None:
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
         with contextlib.suppress(OSError, ValueError):  # a robot by its frames
-            given = read_toml(Path(robot))
+            given = {name: value for name, value in read_toml(Path(robot)).items() if name != "ranges"}
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
             if ArmParameters.from_dict(given) and names:
                 say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)

@@ -13,6 +13,7 @@ from fuzzyarm.cli._usage import UsageError, output_file
 from fuzzyarm.common.console import say, status
 
 if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
@@ -69,14 +70,14 @@ class Options:
     def run(self) -> int:
         """Design, prove and write the controller; return 1 if there is none with these requirements."""
         from fuzzyarm.envs.periods import checked_period
-        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.envs.physics.equations import chosen_arm, corners_of
         from fuzzyarm.envs.physics.parameters import ArmParameters
         from fuzzyarm.envs.physics.robot import Robot
         from fuzzyarm.eval.stability.sampled_design import first_with_margins
         from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design_scheduled
 
         checked_period("control_period", self.control_period)
-        arm = chosen_arm(self.robot, None)
+        arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
             raise UsageError(f"--theorem {self.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
@@ -95,14 +96,14 @@ class Options:
                 assert isinstance(arm, ArmParameters)
                 candidates = _specifications(self, arm)
                 with status("solving and proving"):
-                    result = first_with_margins(candidates, arm, self.control_period)
+                    result = first_with_margins(candidates, arm, self.control_period, list(ends.values()))
                 controller, text = result.controller, describe(result)
         except DesignFailed as error:
             say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
             return 1
         controller.save(self.out)
         with status("measuring margins"):
-            text += "\n\n" + _margins(controller, self.control_period)
+            text += "\n\n" + _margins(controller, self.control_period, ends)
         say(text)
         say(f"\nwritten to {self.out}")
         return 0
@@ -130,15 +131,17 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
     )
 
 
-def _margins(controller: Controller | ScheduledController, period: float) -> str:
+def _margins(controller: Controller | ScheduledController, period: float, ends: dict[str, AnyArm]) -> str:
     """Return the stability margins of the policy on the sampled elastic robot, in words, and why it has none."""
-    from fuzzyarm.eval.stability.margins import margins_in_words
+    from fuzzyarm.eval.stability.margins import ends_in_words, ends_of, margins_in_words
     from fuzzyarm.eval.stability.sampled_design import why_unstable
     from fuzzyarm.policies import load_policy
 
     policy = load_policy(controller, control_period=period, allow_unproven=True)  # it was proven a moment ago
     try:
         text = margins_in_words(policy, policy.parameters, period)
+        if ends:
+            text += f"\n\nThis controller, {ends_in_words(ends_of(policy, ends, period))}."
         return text + why_unstable(controller, policy.parameters, period) if "WARNING" in text else text
     except ValueError as error:  # the arm cannot follow its path
         return f"Margins on the elastic arm were not measured: {error}"

@@ -123,7 +123,7 @@ class EvaluationConfig:
         return with_loads(case, force=self.force, payload=self.payload, duration=duration if case.scales else None)
 
     def command(self, *, placeholders: bool = False) -> str | None:
-        """Return the command line of this configuration; None if no option can express its arm or control period.
+        """Return the command line of this configuration; None if no option can express its arm or path.
 
         With `placeholders` the word FILE stands for the file of such an arm or of a path given by points. Policies have
         their names in results files, see `policies.recorded`.
@@ -140,13 +140,13 @@ class EvaluationConfig:
             files += ["--robot", "FILE"]
         if self.points is not None:
             files += ["--path", "FILE"]
-        if not placeholders and (files or self.control_period != default.control_period):
+        if files and not placeholders:
             return None
         for option, names, usual in (
             ("--policy", [*map(recorded, self.policies)], default.policies), ("--case", self.cases, default.cases)
         ):  # fmt: skip
             words += [word for name in names for word in (option, name)] if tuple(names) != usual else []
-        for name in ("seeds", "encoder_noise", "path", "force", "payload", "passes"):
+        for name in ("seeds", "encoder_noise", "control_period", "path", "force", "payload", "passes"):
             value = getattr(self, name)
             if value != getattr(default, name):
                 words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else [value])]

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -16,7 +16,7 @@ from fuzzyarm.common.checks import distinct, instance, listed
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm, corners_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -34,8 +34,8 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
-    "CONTROL_PERIOD", "MarginsConfig", "margin_cells", "margin_notes", "margins_in_words", "measure_margins",
-    "policy_margins", "print_margins",
+    "CONTROL_PERIOD", "MarginsConfig", "ends_in_words", "ends_of", "margin_cells", "margin_notes", "margins_in_words",
+    "measure_margins", "policy_margins", "print_margins",
 ]  # fmt: skip
 
 
@@ -125,8 +125,9 @@ class MarginsConfig:
 def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
-    It holds the provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns.
-    `progress` is called after each policy.
+    It holds the provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns, with
+    ``ends`` if the robot's file has ranges: the spectral radius on each arm at their ends, see `ends_of`. `progress` is
+    called after each policy.
 
     Raises:
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
@@ -138,9 +139,10 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         policy = spec.load(config.control_period, arm)
         period = policy.action_period  # over that time the loop is one map
         policies[label] = policy if period == config.control_period else spec.load(period, arm)
-    rows = []
+    rows, corners = [], corners_of(config.robot)
     for name, policy in policies.items():
-        rows.append({"policy": name, **policy_margins(policy, arm, policy.control_period)})
+        row = {"policy": name, **policy_margins(policy, arm, policy.control_period)}
+        rows.append(row | ({"ends": ends_of(policy, corners, policy.control_period)} if corners else {}))
         progress()
     described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"robot": dataclasses.asdict(arm)}
     return {
@@ -151,6 +153,30 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         "conditions": [dataclasses.asdict(condition) for condition in _conditions_for(arm)],
         "rows": rows,
     }
+
+
+def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
+    """Return the spectral radius of a policy on each arm at the ends of ranges, by words; None where there is no loop.
+
+    The policy knows the arm's own values throughout. `corners` are those of `corners_of`; the control period is in s.
+    """
+    found: dict[str, float | None] = {}
+    for words, arm in corners.items():
+        try:
+            found[words] = largest_radius(linearisation.linearise_path(policy, arm, control_period))
+        except ValueError:  # a torque limit, or no equilibrium
+            found[words] = None
+    return found
+
+
+def ends_in_words(ends: Mapping[str, float | None]) -> str:
+    """Return which of the arms at the ends of ranges decides, with its spectral radius and that of the others."""
+    ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
+    first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
+    rest = f"; {', '.join(others)}" if others else ""
+    unstable = any(radius is None or radius >= 1.0 for radius in ends.values())
+    way = "; measure that number before you run it" if unstable else ""
+    return f"at the ends of the ranges, spectral radius {first}, which decides{rest}{way}"
 
 
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
@@ -258,6 +284,8 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
             notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")
+        if "ends" in row:
+            notes.append(f"{row['policy']} {ends_in_words(row['ends'])}.")
         missing: dict[str, list[str]] = {}
         for name, reason in row["reasons"].items():
             missing.setdefault(reason, []).append(f"'{_LIMITS[name][0] if name in _LIMITS else name}'")

@@ -20,10 +20,13 @@ _CONDITIONS = ((2.0, 0.0), (1.0, 1.0))  # factor on the loop gain and samples of
 _FACTORS = (2.0, 4.0, 8.0, 16.0)  # on a number of the arm
 
 
-def first_with_margins(candidates: Sequence[Specification], arm: ArmParameters, control_period: float) -> Design:
+def first_with_margins(
+    candidates: Sequence[Specification], arm: ArmParameters, control_period: float, ends: Sequence[AnyArm] = ()
+) -> Design:
     """Return the first design whose loop on the sampled elastic arm bears twice its gain and one sample of delay.
 
-    If none does it is the last design that exists; a single candidate is not measured. The control period is in s.
+    If none does it is the last design that exists; a single candidate is not measured. The control period is in s. The
+    same is asked of the loop on each arm at the ends of ranges.
 
     Raises:
         DesignFailed: there is no design for any candidate; the message is about the first.
@@ -36,7 +39,8 @@ def first_with_margins(candidates: Sequence[Specification], arm: ArmParameters, 
             if len(candidates) == 1:
                 raise
             continue
-        if len(candidates) == 1 or _bears(_policy(found.controller, control_period), arm, control_period):
+        policy = _policy(found.controller, control_period)
+        if len(candidates) == 1 or all(_bears(policy, plant, control_period) for plant in (arm, *ends)):
             break
     return design(candidates[0], arm) if found is None else found  # which says why there is none
 
