@@ -15,7 +15,7 @@ from typing import Any
 from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT, TSModel
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis._design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis._scaling import Scaling
@@ -193,8 +193,17 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         return f"{head}; {text}; by this arm's inertia {usual:.2g} is usual"
     if text := relaxed("alpha"):
         return f"{head}; {text}{_in_the_way(specification, arm, vertex)}"
-    text = relaxed("gain_bound") or relaxed("gamma") or f"raise {' or '.join(limits)}"
+    text = relaxed("gain_bound") or relaxed("gamma") or _with_more_rules(s, arm) or f"raise {' or '.join(limits)}"
     return f"{head}; no decay rate down to {_slowest_tried(s):g} 1/s helps: {text}"
+
+
+def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
+    """Return, in words, that the premises kept by default would do; "" if they would not, or are kept already."""
+    kept = tuple(sorted({*specification.kept, *DEFAULT_KEPT}))
+    wanted = dataclasses.replace(specification, kept=kept)
+    if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):
+        return ""
+    return f"too few premises are kept for this arm: with {', '.join(kept)} kept it works"
 
 
 def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:

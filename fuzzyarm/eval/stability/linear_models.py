@@ -104,7 +104,7 @@ class LinearModels:
     def write(self, folder: Path) -> list[Path]:
         """Write the matrices as ``.npz`` and ``.mat`` and the figures into a folder; return the paths."""
         texts: dict[str, Any] = {"npz": io.BytesIO(), "mat": io.BytesIO()}
-        np.savez(texts["npz"], **self.arrays())
+        np.savez(texts["npz"], allow_pickle=False, **self.arrays())
         savemat(texts["mat"], self.arrays())
         texts["mat"] = io.BytesIO(b"MATLAB 5.0 MAT-file".ljust(116) + texts["mat"].getvalue()[116:])  # without a date
         paths = []

@@ -161,8 +161,8 @@ def tune(
     if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
         raise NothingFound(
-            f"no policy has stable gains for this arm ({reasons}); fuzzyarm design --robot names the number in the way, "
-            "and with --control-period designs for a faster loop"
+            f"no policy has stable gains for this arm ({reasons}); fuzzyarm design --robot names the number in the "
+            "way, and with --control-period designs for a faster loop"
         )
     laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())
