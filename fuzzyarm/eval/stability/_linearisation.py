@@ -163,13 +163,17 @@ def linearise_path(
 
 
 def linearise_at(
-    policy: Linearisable, parameters: AnyArm, posture: np.ndarray, control_period: float
+    policy: Linearisable,
+    parameters: AnyArm,
+    posture: np.ndarray,
+    control_period: float,
+    payload: Payload | None = None,
 ) -> tuple[LocalLoop, np.ndarray]:
     """Return the loop at one posture (r,) [rad], and the law's derivative (r + m, r) by the reference angles.
 
     The other arguments and the errors are those of `linearise_path`.
     """
-    arm = _FrozenArm(policy.without_dry_friction(), parameters, posture, control_period, None)
+    arm = _FrozenArm(policy.without_dry_friction(), parameters, posture, control_period, payload)
     loop = _linearise(arm, posture)
     _, kept = arm.linearise(loop.equilibrium)
     by_reference = _differences(partial(arm.act_after, loop.equilibrium), np.zeros(arm.joints), np.array([_LAW_STEP]))

@@ -156,7 +156,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 
 
 def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
-    """Return the spectral radius of a policy on each arm at the ends of ranges, by words; None where there is no loop.
+    """Return the spectral radius [1] of a policy on each arm at the ends of ranges, by words; None without a loop.
 
     The policy knows the arm's own values throughout. `corners` are those of `corners_of`; the control period is in s.
     """

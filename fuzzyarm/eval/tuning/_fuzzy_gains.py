@@ -82,7 +82,8 @@ def find_gains(context: Context) -> Found:
             break
         notes.append(f"No design with alpha = {alpha:g} 1/s bears what is asked on the sampled elastic arm.")
     else:
-        return nothing(f"No design bears what is asked, down to alpha = {alpha:g} 1/s.", tried)
+        way = "fuzzyarm design asks for less, and names the number of the arm that is in the way"
+        return nothing(f"No design bears what is asked, down to alpha = {alpha:g} 1/s: {way}.", tried)
     best = equals[0]
     controller = design(best.wanted, arm).controller
     controller.save(context.folder / f"{FUZZY}.json")

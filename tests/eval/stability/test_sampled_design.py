@@ -43,7 +43,7 @@ def test_the_gains_of_an_arm_of_other_mass_are_those_of_table_1_in_proportion(ma
 def test_a_light_pendulum_is_designed_by_default_with_margins(tmp_path, capsys):
     robot, out = tmp_path / "arm.toml", tmp_path / "c.json"
     PENDULUM.write_toml(robot)
-    assert main(["design", "--rules", "2", "--robot", str(robot), "--out", str(out)]) == 0
+    assert main(["design", "--robot", str(robot), "--out", str(out)]) == 0
     assert "WARNING" not in capsys.readouterr().out
     made = Controller.load(out)
     assert made.alpha in ALPHAS[1:] and made.gamma == gamma_for(PENDULUM, made.alpha)
