@@ -36,13 +36,17 @@ GROUPS = {
         "leaderboard": "Rank the policies of several evaluations.",
         "score": "Score policies on episodes that no training draws.",
     },
-    "Know the arm": {"identify": "Find the parameters of an arm in a log of its motors."},
+    "Know the arm": {
+        "robot": "Write the file of a robot from its URDF or MJCF model.",
+        "identify": "Find the parameters of an arm in a log of its motors.",
+    },
     "Design controllers": {
         "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
         "verify": "Prove controller files, and files of bounds, again.",
         "prove": "Prove a bound of the tip error on the elastic arm.",
         "margins": "Measure how far policies are from instability.",
+        "linearise": "Write A, B, C, D of a policy's loop for other tools.",
         "show": "Print the law of a policy and its gains, as numbers.",
         "export": "Write a policy as C source for a controller board.",
     },
@@ -62,11 +66,13 @@ _NEXT = {
     "report": "open the page in a browser",
     "leaderboard": "fuzzyarm evaluate --check DIR repeats an evaluation",
     "score": "fuzzyarm evaluate --policy NAME shows where a policy errs",
+    "robot": "fuzzyarm tune --robot FILE --out DIR",
     "identify": "fuzzyarm tune --robot FILE --out DIR",
     "design": "fuzzyarm evaluate --policy FILE --policy FILE-tip",
     "verify": "fuzzyarm margins --policy FILE",
     "prove": "with --out FILE, fuzzyarm verify FILE",
     "margins": "fuzzyarm evaluate --policy NAME",
+    "linearise": "python-control and MATLAB read the files; see the documentation",
     "show": "fuzzyarm export c NAME --out DIR",
     "export": "compile the source, and compare it with the vectors beside it",
     "train": "fuzzyarm score --policy DIR/policy",
@@ -199,7 +205,7 @@ def _name_left_out(robot: Any) -> None:
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
         with contextlib.suppress(OSError, ValueError):  # a robot by its frames
-            given = read_toml(Path(robot))
+            given = {name: value for name, value in read_toml(Path(robot)).items() if name != "ranges"}
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
             if ArmParameters.from_dict(given) and names:
                 say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)

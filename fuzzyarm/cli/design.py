@@ -13,6 +13,8 @@ from fuzzyarm.cli._usage import UsageError, output_file
 from fuzzyarm.common.console import say, status
 
 if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.equations import AnyArm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
     from fuzzyarm.synthesis import ScheduledSpecification, Specification
@@ -40,11 +42,12 @@ class Options:
     """Consistent-reference form, Theorem 1 or 2 of the paper with the reference model in the loop, or the semidefinite
     form for any number of joints (default: consistent for the two-joint arm, semidefinite for a robot of joints)"""
     alpha: Annotated[float | Literal["max"] | None, Parameter(metavar="RATE", show_choices=False)] = None
-    """Decay rate [1/s], or "max" for the largest (default: 20; in the semidefinite form the largest up to 20 with which
-    the loop on the sampled elastic arm stays stable with twice its gain and with one sample of delay)"""
+    """Decay rate [1/s], or "max" for the largest (default: the largest up to 20 with which the loop on the sampled
+    elastic arm stays stable with twice its gain and with one sample of delay; with --theorem paper 20)"""
     gamma: Annotated[float | Literal["min"] | None, Parameter(metavar="GAIN", show_choices=False)] = None
     """Bound of the L2 gain, in the consistent and the semidefinite form in rad/(N m), or "min" for the smallest
-    (default: 2e-4, with --theorem paper 1000; semidefinite: what the fastest pole allows)"""
+    (default: by the arm's inertia and alpha, 2e-4 for Table 1; with --theorem paper 1000; semidefinite: what the
+    fastest pole allows)"""
     gain_bound: Annotated[float | None, Parameter(metavar="BOUND")] = None
     """Bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
     (default: as small as the rest allows)"""
@@ -58,17 +61,23 @@ class Options:
     """One multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)"""
     integral: Annotated[bool, Parameter(negative="--no-integral")] = True
     """Integral action"""
+    control_period: Annotated[float, Parameter(metavar="SECONDS")] = 1e-3
+    """Time between two torques, at which margins are measured [s]; the proof is in continuous time"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Robot by name (paper, cicese, manutec-r3, planar-3r, ur5, panda), or TOML file of another arm or robot
     (default: Table 1 of the paper)"""
 
     def run(self) -> int:
         """Design, prove and write the controller; return 1 if there is none with these requirements."""
-        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.envs.periods import checked_period
+        from fuzzyarm.envs.physics.equations import chosen_arm, corners_of
+        from fuzzyarm.envs.physics.parameters import ArmParameters
         from fuzzyarm.envs.physics.robot import Robot
-        from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled
+        from fuzzyarm.eval.stability.sampled_design import first_with_margins
+        from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design_scheduled
 
-        arm = chosen_arm(self.robot, None)
+        checked_period("control_period", self.control_period)
+        arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
             raise UsageError(f"--theorem {self.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
@@ -84,16 +93,17 @@ class Options:
                 controller: Controller | ScheduledController = found.controller
                 text = describe_scheduled(found)
             else:
-                specification = _specification(self)
+                assert isinstance(arm, ArmParameters)
+                candidates = _specifications(self, arm)
                 with status("solving and proving"):
-                    result = design(specification, arm)  # type: ignore[arg-type]
+                    result = first_with_margins(candidates, arm, self.control_period, list(ends.values()))
                 controller, text = result.controller, describe(result)
         except DesignFailed as error:
             say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
             return 1
         controller.save(self.out)
         with status("measuring margins"):
-            text += "\n\n" + _margins(controller)
+            text += "\n\n" + _margins(controller, self.control_period, ends)
         say(text)
         say(f"\nwritten to {self.out}")
         return 0
@@ -121,14 +131,18 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
     )
 
 
-def _margins(controller: Controller | ScheduledController) -> str:
-    """Return the stability margins of the policy on the sampled elastic robot, in words."""
-    from fuzzyarm.eval.stability.margins import CONTROL_PERIOD, margins_in_words
+def _margins(controller: Controller | ScheduledController, period: float, ends: dict[str, AnyArm]) -> str:
+    """Return the stability margins of the policy on the sampled elastic robot, in words, and why it has none."""
+    from fuzzyarm.eval.stability.margins import ends_in_words, ends_of, margins_in_words
+    from fuzzyarm.eval.stability.sampled_design import why_unstable
     from fuzzyarm.policies import load_policy
 
-    policy = load_policy(controller, control_period=CONTROL_PERIOD, allow_unproven=True)  # it was proven a moment ago
+    policy = load_policy(controller, control_period=period, allow_unproven=True)  # it was proven a moment ago
     try:
-        return margins_in_words(policy, policy.parameters, CONTROL_PERIOD)
+        text = margins_in_words(policy, policy.parameters, period)
+        if ends:
+            text += f"\n\nThis controller, {ends_in_words(ends_of(policy, ends, period))}."
+        return text + why_unstable(controller, policy.parameters, period) if "WARNING" in text else text
     except ValueError as error:  # the arm cannot follow its path
         return f"Margins on the elastic arm were not measured: {error}"
 
@@ -147,19 +161,29 @@ def _premise(text: str) -> Premise:
     return Premise(int(found[3]) - 1, f"{found[1]} {found[2]}q")
 
 
-def _specification(options: Options) -> Specification:
+def _specifications(options: Options, arm: ArmParameters) -> list[Specification]:
+    """Return what is asked for, one specification for each decay rate that may be tried."""
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
     from fuzzyarm.synthesis import Specification
+    from fuzzyarm.synthesis.specification import ALPHAS, gamma_for
 
     rules = 4 if options.rules is None else options.rules
     if rules not in NAMED_RULES:
         raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
     kept = NAMED_RULES[rules] if options.keep is None else tuple(name for name in options.keep.split(",") if name)
     form = "consistent" if options.theorem is None else options.theorem
-    gamma, alpha = options.gamma, 20.0 if options.alpha is None else options.alpha
-    if gamma is None:
-        gamma = 2e-4 if form == "consistent" else 1000.0
     if options.feedforward is not None and form != "paper":
         raise UsageError("--feedforward goes with --theorem paper; leave it out")
-    limits = {"alpha": None if alpha == "max" else alpha, "gamma": None if gamma == "min" else gamma}
-    return Specification(**given(options, Specification) | limits | {"kept": kept, "form": form})
+    fixed = given(options, Specification) | {"kept": kept, "form": form}
+
+    def at(alpha: float | None) -> Specification:
+        gamma = None if options.gamma == "min" else options.gamma
+        if options.gamma is None:
+            gamma = 1000.0 if form == "paper" else gamma_for(arm, ALPHAS[0] if alpha is None else alpha)
+        return Specification(**fixed | {"alpha": alpha, "gamma": gamma})
+
+    if options.alpha is not None:
+        return [at(None if options.alpha == "max" else options.alpha)]
+    rates = ALPHAS if form == "consistent" else ALPHAS[:1]
+    pole = options.fastest_pole
+    return [at(alpha) for alpha in rates if pole is None or alpha < pole] or [at(ALPHAS[0])]

@@ -50,6 +50,8 @@ class Options:
     """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
     from each for the next, policies with the ending -tip by classical iterative learning control, and code of your own
     that has a method repeated (1 to 1000; default: 1)"""
+    control_period: Annotated[float | None, Parameter(metavar="SECONDS")] = None
+    """Time between two torques [s] (default: 0.001)"""
     declared: bool = False
     """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
     remembers, and what is proven of it on the rigid arm"""

@@ -29,6 +29,8 @@ class Options:
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
     (default: Table 1 of the paper)"""
+    control_period: Annotated[float, Parameter(metavar="SECONDS")] = 1e-3
+    """Time between two torques [s]"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Results file to write (.json; default: none)"""
     json: bool = False
@@ -40,7 +42,7 @@ class Options:
         from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
 
         output_file(self.out, ".json")
-        config = MarginsConfig(policies=self.policy or None, robot=self.robot)
+        config = MarginsConfig(policies=self.policy or None, robot=self.robot, control_period=self.control_period)
         with progress("policies", len(config.names())) as advance:
             document = measure_margins(config, advance)
         if self.out is not None:

@@ -48,6 +48,8 @@ class Options:
             say_json(document)
             return 0
         print_scores(document, output())
+        for line in document["remarks"]:
+            say(line, error=True)
         if self.out is not None:
             say(f"\nwritten to {self.out}")
         return 0

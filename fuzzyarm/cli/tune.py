@@ -37,7 +37,7 @@ class Options:
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.eval.engine import Engine, WorkersLost
         from fuzzyarm.eval.stability.margins import print_margins
-        from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
+        from fuzzyarm.eval.tuning.run import NothingFound, begin, ranges_of, resumed_arm, tune
         from fuzzyarm.eval.tuning.summary import decision
 
         engine = Engine(jobs=self.jobs)
@@ -46,7 +46,7 @@ class Options:
             arm = resumed_arm(self.out, None if self.robot is None else arm)
         with claimed_folder(self.out):
             if not self.resume:
-                begin(arm, self.out)
+                begin(arm, self.out, ranges_of(self.robot))
             try:
                 tuned = tune(
                     arm,

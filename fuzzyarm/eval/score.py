@@ -23,6 +23,7 @@ import numpy as np
 from fuzzyarm import __version__
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
@@ -30,6 +31,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import made_now
+from fuzzyarm.eval.stability.at_rest import remark_on
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 
@@ -68,12 +70,14 @@ class _Score:
         rms: (episodes,) root mean square tip error until the end [m].
         rate: (episodes,) root mean square rate of the torque [N m/s].
         lost: (episodes,) booleans: the tip error exceeded R at some instant, or the episode ended early.
+        saturated: share of all steps with a motor at its torque limit.
     """
 
     S: np.ndarray
     rms: np.ndarray
     rate: np.ndarray
     lost: np.ndarray
+    saturated: float
 
 
 def _held_out(version: str = __version__, each: int = _EACH) -> _HeldOut:
@@ -124,7 +128,8 @@ def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
         count, disturbance=chosen.disturbances, reference=chosen.references, parameters=chosen.arms, threads=1
     )
     steps = np.array([round(reference.duration / _PERIOD) for reference in chosen.references])
-    earned, squares, done, rate = np.zeros((4, count))
+    earned, squares, done, rate, limited = np.zeros((5, count))
+    limit = bounds_of(chosen.arms[0]).torque
     lost, before = np.zeros(count, dtype=bool), None
     for step in episodes(envs, policy, envs.reset(seed=0)):
         error, torque = step.info["tip_error"], step.info["torque"]
@@ -132,9 +137,16 @@ def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
         squares += np.where(step.running, error, 0.0) ** 2
         if before is not None:
             rate += np.where(step.running, np.mean((torque - before) ** 2, axis=1), 0.0)
+        limited += step.running & (np.abs(torque) >= limit).any(axis=1)
         before, lost, done = torque, lost | (step.running & (error > _LOST)), done + step.running
     short = done < steps - 1
-    return _Score(earned / steps, np.sqrt(squares / done), np.sqrt(rate / done) / _PERIOD, lost | short)
+    return _Score(
+        earned / steps,
+        np.sqrt(squares / done),
+        np.sqrt(rate / done) / _PERIOD,
+        lost | short,
+        float(limited.sum() / done.sum()),
+    )
 
 
 def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) -> dict[str, Any]:
@@ -152,13 +164,23 @@ def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) ->
             "rms_mm": dict(zip(("median", "90 %", "99 %"), millimetres.tolist(), strict=True)),
             "torque_rate": float(np.sqrt(np.mean(score.rate**2))),
             "lost_percent": 100.0 * float(score.lost.mean()),
+            "saturated_percent": 100.0 * score.saturated,
             "S_percent_by_group": each,
         }
 
-    own = {label: row(found.get(label) or _score_of(policy, chosen)) for label, policy in policies.items()}
+    mine = {label: found.get(label) or _score_of(policy, chosen) for label, policy in policies.items()}
+    own = {label: row(score) for label, score in mine.items()}
+    remarks = [remark_on(name, policies[name], ArmParameters(), _PERIOD, one.saturated) for name, one in mine.items()]
     anchors = {name: row(found[name]) for name in ANCHORS if name not in own}
     made = made_now("fuzzyarm score")
-    return {**made, "version": __version__, "episodes": len(chosen.arms), "policies": own, "anchors": anchors}
+    return {
+        **made,
+        "version": __version__,
+        "episodes": len(chosen.arms),
+        "policies": own,
+        "anchors": anchors,
+        "remarks": [line for line in remarks if line],
+    }
 
 
 def print_scores(document: Mapping[str, Any], console: Console) -> None:

@@ -15,11 +15,11 @@ from typing import Any
 from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT, TSModel
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis._design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis._scaling import Scaling
-from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
+from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification, gamma_for
 
 __all__ = ["best_point", "why_infeasible"]
 
@@ -27,6 +27,8 @@ _FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # on the unit of V, tried in 
 _KEPT = 8  # compiled problems
 _MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
 _MOST_SEARCHED = 4  # rules up to which a limit is searched for with the whole model; a design with 32 takes ten seconds
+_STRICT = 0.5  # share of the γ that is usual for an arm, below which γ is the first suspect
+_LESS = 0.25  # factor on a number of the arm that may be in the way
 _LOOSEST = 1e6  # γ of the consistent form in the units of an arm, far above any use
 # Of a limit: its name and the end of the range of the values that work, in words, their format and unit; the factor
 # between the values that are tried, and the resolution of the bisection that follows, relative.
@@ -155,8 +157,9 @@ def _slowest_tried(specification: Specification) -> float:
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words, the first limit that is enough to relax alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ. If a single vertex of a large model is already
-    infeasible, its limit is named, which takes only seconds.
+    The fastest pole is tried first, then γ if it is much stricter than `gamma_for` the arm, α, the gain bound and γ.
+    If a single vertex of a large model is already infeasible, its limit is named, which takes only seconds. The number
+    of the arm that is in the way is named too, if there is one.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}
@@ -182,7 +185,37 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         what = f"{words} would have to give: the {end} that {works} is about"
         return "" if value is None else f"{what} {value:{form}}{unit}"
 
-    if text := relaxed("fastest_pole") or relaxed("alpha"):
+    usual = gamma_for(arm, alpha) if s.form == "consistent" else 0.0
+    strict = s.gamma is not None and s.gamma < _STRICT * usual
+    if text := relaxed("fastest_pole"):
         return f"{head}; {text}"
-    text = relaxed("gain_bound") or relaxed("gamma") or f"raise {' or '.join(limits)}"
+    if strict and (text := relaxed("gamma")):
+        return f"{head}; {text}; by this arm's inertia {usual:.2g} is usual"
+    if text := relaxed("alpha"):
+        return f"{head}; {text}{_in_the_way(specification, arm, vertex)}"
+    text = relaxed("gain_bound") or relaxed("gamma") or _with_more_rules(s, arm) or f"raise {' or '.join(limits)}"
     return f"{head}; no decay rate down to {_slowest_tried(s):g} 1/s helps: {text}"
+
+
+def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
+    """Return, in words, that the premises kept by default would do; "" if they would not, or are kept already."""
+    kept = tuple(sorted({*specification.kept, *DEFAULT_KEPT}))
+    wanted = dataclasses.replace(specification, kept=kept)
+    if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):
+        return ""
+    return f"too few premises are kept for this arm: with {', '.join(kept)} kept it works"
+
+
+def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:
+    """Return, in words, with which single number of the arm changed there is a point; "" if none is enough."""
+    slower = tuple(_LESS * speed for speed in arm.velocity_limit)
+    heavier = tuple(inertia / _LESS for inertia in arm.motor_inertia)
+    changed: dict[str, dict[str, Any]] = {
+        f"velocity_limit = {list(slower)} rad/s": {"velocity_limit": slower},
+        "gravity = 0": {"gravity": 0.0},
+        f"motor_inertia = {list(heavier)} kg m^2": {"motor_inertia": heavier},
+    }
+    for words, numbers in changed.items():
+        if not isinstance(best_point(specification, dataclasses.replace(arm, **numbers), vertex), NoPoint):
+            return f"; or, of the arm, {words} would do"
+    return ""

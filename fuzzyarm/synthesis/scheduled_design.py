@@ -22,13 +22,11 @@ from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rat
 from fuzzyarm.synthesis._designer import DesignFailed
 from fuzzyarm.synthesis._inertia_metric import Metric, best_premise, fitted_metric
 from fuzzyarm.synthesis._scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
+from fuzzyarm.synthesis.specification import ALPHAS
 
-__all__ = ["ALPHAS", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
+__all__ = ["ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
 
 _MOST_JOINTS = 7  # more would need more than one split of the chain
-
-ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
-"""Decay rates [1/s] that are tried where the specification leaves it open; the premises are chosen for the first."""
 
 _CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
 _POLE_FACTOR = 1.5  # fastest pole over the smallest one where neither it nor γ is asked for

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from fuzzyarm.common.checks import choice, real, texts, truth
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import FORMS, GAINS, RATES
 from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT
 
-__all__ = ["FIRST_ALPHA", "PAPER_WEIGHT", "Specification"]
+__all__ = ["ALPHAS", "FIRST_ALPHA", "PAPER_WEIGHT", "Specification", "gamma_for"]
+
+ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
+"""Decay rates [1/s] that are tried where none is asked for, one after the other."""
 
 PAPER_WEIGHT = (1e-5, 1e-5, 1.0, 1.0)
 """Diagonal of the paper's Q, section 6.2."""
@@ -95,3 +102,18 @@ class Specification:
         if self.gamma is None:
             return "smallest L2 gain"
         return "smallest bound on the scaled gains" if self.gain_bound is None else "any point within the bounds"
+
+
+def gamma_for(arm: ArmParameters, alpha: float = ALPHAS[0], gamma: float = 2e-4) -> float:
+    """Return the γ [rad/(N m)] that is as strict for an arm as `gamma` is for Table 1 at the first of `ALPHAS`.
+
+    It is γ I₁/I · max(1, 20/α), to two digits, where I is the mean of the joints' largest inertias with their rotors
+    and I₁ that of Table 1; α is in 1/s.
+    """
+    factor = _inertia(ArmParameters()) / _inertia(arm) * max(1.0, ALPHAS[0] / alpha)
+    return float(f"{gamma * factor:.2g}")
+
+
+def _inertia(arm: ArmParameters) -> float:
+    constants = arm_constants(arm)
+    return float(np.mean(np.array(arm.motor_inertia) + np.array([constants.c1, constants.c3])))

@@ -48,6 +48,7 @@ COMMANDS = {
     "prove": [*PROVE, "--out", "out/bound.json"],
     "prove by cells": [*PROVE, "--set", "set.toml", "--cells", "damping-1", "2", "--out", "out/cells.json"],
     "dataset": ["dataset", "--level", "medium", "--episodes", "1", "--out", "out"],
+    "linearise": ["linearise", "fuzzy-1", "--out", "out"],
     "export c": ["export", "c", "fuzzy-1", "--out", "out"],
     "export fmu": ["export", "fmu", "fuzzy-1", "--out", "out"],
     "export onnx": ["export", "onnx", "fuzzy-1", "--out", "out"],

@@ -27,6 +27,7 @@ RUNS = {
     "evaluate": ["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--out", "new"],
     "evaluate as JSON": ["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", "new"],
     "design": ["design", "--rules", "1", "--no-integral", "--out", "c.json"],
+    "linearise": ["linearise", "fuzzy-1", "--out", "loop"],
     "margins": ["margins", "--policy", "fuzzy-1", "--out", "m.json"],
     "sweep": ["sweep", "--policy", "fuzzy-1", "--case", "nominal", "--plants", "2", "--jobs", "1", "--out", "new"],
     "report": ["report", "evaluated"],

@@ -181,5 +181,5 @@ def test_the_command_line_designs_with_a_fastest_pole(tmp_path, capsys):
     assert "fastest pole 200 1/s" in capsys.readouterr().out
     assert main(["verify", str(path)]) == 0
     assert "fastest pole = 200 1/s" in capsys.readouterr().out
-    assert main(["design", "--fastest-pole", "10", "--out", str(path)]) == 2
+    assert main(["design", "--alpha", "20", "--fastest-pole", "10", "--out", str(path)]) == 2
     assert "allowed: above alpha" in capsys.readouterr().err

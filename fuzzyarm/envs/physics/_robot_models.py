@@ -21,7 +21,7 @@ import itertools
 import math
 import re
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from fuzzyarm.common.documents import read_bytes, read_toml, record
 from fuzzyarm.envs.physics.joint import DIMENSIONS, Drive, Joint, Link, Vector, as_rows
 from fuzzyarm.envs.physics.robot import Robot
 
-__all__ = ["read_robot"]
+__all__ = ["read_model", "read_robot", "robot_of_model"]
 
 _MASSLESS = 1e-9  # kg
 _SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
@@ -245,6 +245,18 @@ class _Model:
             differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, differ in the two directions"
         return values, differs
 
+    def stated(self, name: str, joint: int) -> dict[str, Any]:
+        """Return the quantities of a joint that the model has and that can be read; None: absent."""
+        values, differs = self._stated(name, joint)
+        return values | dict.fromkeys(differs)
+
+    def places(self) -> list[str]:
+        """Return the names of the links and sites that move with the last joint, those farthest out first."""
+        spec, last = self.model, self.links[-1]
+        bodies = [spec.body(k).name for k in range(1, spec.nbody) if self._carrier(k) == last]
+        sites = [spec.site(k).name for k in range(spec.nsite) if self._carrier(int(spec.site_bodyid[k])) == last]
+        return [name for name in (*sites, *reversed(bodies)) if name]
+
     def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
         """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
         if given is None:
@@ -274,7 +286,7 @@ def _has_mass(geom: Any) -> bool:
     return bool(geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0)
 
 
-def _read_model(path: Path, fixed: Collection[str]) -> _Model:
+def read_model(path: Path, fixed: Collection[str]) -> _Model:
     """Return the model in a URDF or MJCF file, with the joints of these names fixed."""
     try:
         import mujoco
@@ -356,9 +368,17 @@ def read_robot(path: str | Path) -> Robot:
         return Robot.from_toml(path)
     try:
         overlay = record(content, _Overlay)
-        return _robot(_read_model(path.parent / overlay.model, overlay.fixed), overlay)
+        return _robot(read_model(path.parent / overlay.model, overlay.fixed), overlay)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def robot_of_model(
+    tree: _Model, tip: Any, joints: Mapping[str, Any], sources: tuple[str, ...], assumptions: tuple[str, ...]
+) -> Robot:
+    """Return the robot of a model with numbers for each joint; its texts say where the numbers come from."""
+    overlay = {"model": "", "tip": tip, "joints": joints, "sources": sources, "assumptions": assumptions}
+    return _robot(tree, record(overlay, _Overlay))
 
 
 def _robot(tree: _Model, overlay: _Overlay) -> Robot:

@@ -20,12 +20,13 @@ from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.integrator import loaded_step, step
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.ranges import Ranges
 from fuzzyarm.envs.physics.records import VARIED, PerJoint, Physics, Point
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 
 __all__ = [
-    "IN_FOLDER", "AnyArm", "argument_of", "bounds_of", "chosen_arm", "common_equations", "equations_of", "robot_of",
-    "tip_point", "two_joints",
+    "IN_FOLDER", "AnyArm", "argument_of", "bounds_of", "chosen_arm", "common_equations", "corners_of", "equations_of",
+    "robot_of", "tip_point", "two_joints",
 ]  # fmt: skip
 
 AnyArm = ArmParameters | Robot  # the two-joint arm by its parameters, or any serial robot
@@ -81,6 +82,19 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
             f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, a Robot or ArmParameters"
         )
     return _named(os.fspath(robot))
+
+
+def corners_of(robot: Any) -> dict[str, AnyArm]:
+    """Return the arms at the ends of the table `[ranges]` in the file that ``robot`` names, by words, see `Ranges`.
+
+    Args:
+        robot: as for `chosen_arm`. The mapping is empty for everything but a file, and for a file without the table.
+    """
+    if not isinstance(robot, str | os.PathLike) or robot in (_PAPER, *shipped_robots()):
+        return {}
+    path = Path(robot) / IN_FOLDER if (Path(robot) / IN_FOLDER).is_file() else Path(robot)
+    arm = _named(str(path))
+    return Ranges.taken(read_toml(path)).corners(arm)
 
 
 def argument_of(arm: AnyArm) -> dict[str, Any]:

@@ -7,9 +7,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.ranges import Ranges
 
 __all__ = ["LARGEST", "ArmParameters", "keep_quantities", "quantity"]
 
@@ -111,7 +114,7 @@ class ArmParameters:
 
     @classmethod
     def from_toml(cls, path: str | Path) -> ArmParameters:
-        """Read an arm from a TOML file that holds any of the fields; the others keep Table 1.
+        """Read an arm from a TOML file that holds any of the fields; the others keep Table 1. See also `Ranges`.
 
         Raises:
             ValueError: the file is not TOML, or holds an unknown field or a value out of range.
@@ -119,7 +122,10 @@ class ArmParameters:
         """
         values = read_toml(Path(path))
         try:
-            return cls.from_dict(values)
+            ranges = Ranges.taken(values)
+            arm = cls.from_dict(values)
+            ranges.corners(arm)
+            return arm
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -138,6 +144,17 @@ class ArmParameters:
         return {
             name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
         }
+
+    def drive(self, name: str) -> np.ndarray:
+        """Return one quantity of both drives, shape (2,), by its name."""
+        return np.array(getattr(self, name))
+
+    def with_drives(self, motor_inertia: _Pair | None = None, stiffness: _Pair | None = None) -> ArmParameters:
+        """Return the arm with other rotors [kg m²] and springs [N m/rad]; see `Robot.with_drives` for the links."""
+        rotors, changed = motor_inertia or self.motor_inertia, stiffness or self.stiffness
+        lighter1, lighter2 = (old - new for old, new in zip(self.motor_inertia, rotors, strict=True))
+        inertia = self.inertia[0] + lighter1 - lighter2, self.inertia[1] + lighter2
+        return dataclasses.replace(self, inertia=inertia, motor_inertia=rotors, stiffness=changed)
 
     def write_toml(self, path: str | Path) -> None:
         """Write the TOML text to a file, atomically."""

@@ -26,6 +26,7 @@ from fuzzyarm.common.documents import read_toml, record
 from fuzzyarm.envs.physics.friction import DryFriction, dry_friction_of
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, Drive, Joint, Link, Vector, as_rows, as_vector
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.ranges import Ranges
 
 __all__ = ["MOST_JOINTS", "Robot", "robot_named", "shipped_robots"]
 
@@ -123,6 +124,31 @@ class Robot:
         both = Link(total, tuple(center + carried / total * arm), as_rows(inertia))
         return dataclasses.replace(self, joints=(*self.joints[:-1], dataclasses.replace(last, link=both)))
 
+    def with_drives(
+        self, motor_inertia: tuple[float, ...] | None = None, stiffness: tuple[float, ...] | None = None
+    ) -> Robot:
+        """Return the robot with other rotors [kg m²] and springs [N m/rad].
+
+        What a rotor loses, d, its link gains about the axis, d u uᵀ. The link before, which carries the rotor, loses as
+        much, d (A u)(A u)ᵀ: the diagonal of the mass matrix of the rigid robot stays.
+        """
+        joints, before = list(self.joints), np.zeros((DIMENSIONS, DIMENSIONS))
+        for k in reversed(range(len(joints))):
+            one, drive = joints[k], joints[k].drive
+            rotor = drive.motor_inertia if motor_inertia is None else motor_inertia[k]
+            spring = drive.stiffness if stiffness is None else stiffness[k]
+            axis, turned = np.array(one.axis), np.array(one.rotation) @ one.axis
+            lighter = drive.motor_inertia - rotor
+            inertia = as_rows(np.array(one.link.inertia) + lighter * np.outer(axis, axis) - before)
+            before = lighter * np.outer(turned, turned)
+            try:
+                link = dataclasses.replace(one.link, inertia=inertia)
+                drive = dataclasses.replace(drive, motor_inertia=rotor, stiffness=spring)
+                joints[k] = dataclasses.replace(one, link=link, drive=drive)
+            except ValueError as error:
+                raise ValueError(f"joint {checks.shown(one.name)}: {error}") from None
+        return dataclasses.replace(self, joints=tuple(joints))
+
     @classmethod
     def of(cls, parameters: ArmParameters) -> Robot:
         """Return the two-joint arm: x and gravity down, y to the right, axes along z; equal moments about all axes."""
@@ -166,7 +192,10 @@ class Robot:
         """
         content = read_toml(Path(path))
         try:
-            return record(content, cls)
+            ranges = Ranges.taken(content)
+            robot = record(content, cls)
+            ranges.corners(robot)
+            return robot
         except ValueError as error:
             raise ValueError(f"{path}: {_with_joint_name(str(error), content)}") from None
 

@@ -1,4 +1,4 @@
-"""The tables of results, remarks on policies at a torque limit, and one-line certificates."""
+"""The tables of results, and one-line certificates."""
 
 from __future__ import annotations
 
@@ -8,58 +8,21 @@ from importlib import resources
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.console import Console
 
 from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.console import Sheet, print_paragraphs
-from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.declarations import ROW, declared_cells
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, Metric, columns, is_lost, millimetres
-from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.policies.declared import Declared
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.evaluation.run import Evaluation
 
 __all__ = [
-    "by_case_and_policy", "certificate_lines", "declared_rows", "print_passes", "print_results", "saturation",
-    "table_rows",
+    "by_case_and_policy", "certificate_lines", "declared_rows", "print_passes", "print_results", "table_rows",
 ]  # fmt: skip
-
-_LONG = 0.01  # share of an evaluation's steps with a motor at its limit, above which a remark says so
-
-
-def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: AnyArm, period: float) -> tuple[str, ...]:
-    """Return a remark on each policy that is often at a torque limit, with the stability of its loop.
-
-    The loop is linearised as in `linearisation`: at rest, in postures of the arm's default path, with a control period
-    [s].
-    """
-    limit, lines = bounds_of(arm).torque, []
-    for name, policy in policies.items():
-        reached = [(np.abs(run.torque) >= limit).any(axis=1) for run in rollouts if run.policy == name]
-        share = float(np.concatenate(reached).mean())
-        if share > _LONG:
-            text = f"{name}: a motor is at its torque limit in {100.0 * share:.0f} % of the steps; "
-            lines.append(text + _stability(policy, arm, period))
-    return tuple(lines)
-
-
-def _stability(policy: Any, arm: AnyArm, period: float) -> str:
-    try:
-        if policy.action_period != period:
-            raise ValueError("it holds its action for several control periods; see fuzzyarm margins")
-        radius = largest_radius(linearise_path(policy, arm, period))
-    except (AttributeError, TypeError, ValueError) as error:
-        return f"whether its loop is stable on this arm was not found: {' '.join(str(error).split())}"
-    measured = f"spectral radius {radius:.3g} at rest, see fuzzyarm margins"
-    if radius > 1.0:
-        return f"its loop is unstable on this arm ({measured})"
-    return f"its loop is stable ({measured}), the motion asks for more torque than there is"
-
 
 _Row = Mapping[str, Any]  # of metrics
 

@@ -15,7 +15,7 @@ from fuzzyarm.common.checks import choice, distinct, instance, interval, path_of
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
-from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, chosen_arm
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, Case, case_for, find_case, with_loads
@@ -28,8 +28,8 @@ from fuzzyarm.eval.declarations import declarations_of, written_declarations
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
-from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import json_text, made_now
+from fuzzyarm.eval.stability.at_rest import remark_on
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
 from fuzzyarm.proof.policy_certificate import certificate_of
@@ -123,7 +123,7 @@ class EvaluationConfig:
         return with_loads(case, force=self.force, payload=self.payload, duration=duration if case.scales else None)
 
     def command(self, *, placeholders: bool = False) -> str | None:
-        """Return the command line of this configuration; None if no option can express its arm or control period.
+        """Return the command line of this configuration; None if no option can express its arm or path.
 
         With `placeholders` the word FILE stands for the file of such an arm or of a path given by points. Policies have
         their names in results files, see `policies.recorded`.
@@ -140,13 +140,13 @@ class EvaluationConfig:
             files += ["--robot", "FILE"]
         if self.points is not None:
             files += ["--path", "FILE"]
-        if not placeholders and (files or self.control_period != default.control_period):
+        if files and not placeholders:
             return None
         for option, names, usual in (
             ("--policy", [*map(recorded, self.policies)], default.policies), ("--case", self.cases, default.cases)
         ):  # fmt: skip
             words += [word for name in names for word in (option, name)] if tuple(names) != usual else []
-        for name in ("seeds", "encoder_noise", "path", "force", "payload", "passes"):
+        for name in ("seeds", "encoder_noise", "control_period", "path", "force", "payload", "passes"):
             value = getattr(self, name)
             if value != getattr(default, name):
                 words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else [value])]
@@ -164,7 +164,7 @@ class Evaluation:
     bounds: dict[str, dict[str, Any] | None]  # in numbers, `PolicyCertificate.bounds`
     made_with: dict[str, Any]
     declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: not declared
-    remarks: tuple[str, ...] = ()  # a line about each policy that is at a torque limit for long
+    remarks: tuple[str, ...] = ()  # a line about each policy at a torque limit for long, or unstable
 
     @property
     def complete(self) -> bool:
@@ -227,8 +227,18 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] = lambda: No
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
     made_with = made_now(config.command()) | {"policy_files": {label: spec.files() for label, spec in specs.items()}}
-    remarks = saturation(rollouts, policies, config.arm, config.control_period)
-    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, remarks)
+    remarks = (
+        remark_on(name, policy, config.arm, config.control_period, _saturated(rollouts, name, config.arm))
+        for name, policy in policies.items()
+    )
+    lines = tuple(filter(None, remarks))
+    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, lines)
+
+
+def _saturated(rollouts: Sequence[Rollout], name: str, arm: AnyArm) -> float:
+    """Return the share of a policy's steps with a motor at its torque limit."""
+    limit = bounds_of(arm).torque
+    return float(np.mean(np.concatenate([(abs(r.torque) >= limit).any(axis=1) for r in rollouts if r.policy == name])))
 
 
 def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:

@@ -48,7 +48,7 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
-    "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "largest_radius",
+    "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "largest_radius", "linearise_at",
     "linearise_path",
 ]  # fmt: skip
 
@@ -158,13 +158,30 @@ def linearise_path(
     reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer again
-    return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]
+    arms = (_FrozenArm(smooth, parameters, posture, control_period, payload) for posture in postures)
+    return [_linearise(arm, posture) for arm, posture in zip(arms, postures, strict=True)]
 
 
-def _linearise(
-    policy: Predictor, parameters: AnyArm, posture: np.ndarray, control_period: float, payload: Payload | None
-) -> LocalLoop:
-    arm = _FrozenArm(policy, parameters, posture, control_period, payload)
+def linearise_at(
+    policy: Linearisable,
+    parameters: AnyArm,
+    posture: np.ndarray,
+    control_period: float,
+    payload: Payload | None = None,
+) -> tuple[LocalLoop, np.ndarray]:
+    """Return the loop at one posture (r,) [rad], and the law's derivative (r + m, r) by the reference angles.
+
+    The other arguments and the errors are those of `linearise_path`.
+    """
+    arm = _FrozenArm(policy.without_dry_friction(), parameters, posture, control_period, payload)
+    loop = _linearise(arm, posture)
+    _, kept = arm.linearise(loop.equilibrium)
+    by_reference = _differences(partial(arm.act_after, loop.equilibrium), np.zeros(arm.joints), np.array([_LAW_STEP]))
+    rows = np.append(np.ones(arm.joints, dtype=bool), kept[arm.memory])
+    return loop, by_reference[rows]
+
+
+def _linearise(arm: _FrozenArm, posture: np.ndarray) -> LocalLoop:
     first = arm.start()
     loop = _equilibrium(arm, first, posture) or _equilibrium(arm, arm.settled(first, _RESTING), posture)
     if loop is None:
@@ -277,9 +294,14 @@ class _FrozenArm:
         moved = self._move(self.period, np.append(point[self.plant], law[self.torque])[np.newaxis])[0]
         return np.append(moved, law[self.next_memory])
 
-    def _act(self, points: np.ndarray) -> np.ndarray:
+    def act_after(self, point: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """Return torques and next memory at a point, with the reference angles moved by (lanes, r) [rad]."""
+        steps = np.pad(moved, ((0, 0), (0, len(self.reference) - self.joints)))
+        return self._act(np.tile(point, (len(moved), 1)), steps)
+
+    def _act(self, points: np.ndarray, moved: np.ndarray | float = 0.0) -> np.ndarray:
         """Return torques and next memory, (lanes, n + m); points without memory begin an episode."""
-        reference = np.tile(self.reference, (len(points), 1))
+        reference = np.tile(self.reference, (len(points), 1)) + moved
         observation = np.hstack([points[:, self.q_motor], points[:, self.dq_motor], reference])
         memory = points[:, self.memory] if points.shape[1] > self.states else None
         torque, memory = self.policy.predict(observation, state=memory, deterministic=True)
@@ -299,6 +321,7 @@ class _FrozenArm:
 
 def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Return the Jacobian of `function` at `point` by central differences, all columns from one batched call."""
+    steps = np.broadcast_to(steps, point.shape)
     ahead, behind = np.split(function(point + np.vstack([np.diag(steps), -np.diag(steps)])), 2)
     with np.errstate(invalid="ignore"):  # `_linearise` refuses what is not finite
         return np.transpose((ahead - behind) / (2.0 * steps[:, np.newaxis]))

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -14,8 +14,9 @@ from rich.console import Console
 
 from fuzzyarm.common.checks import distinct, instance, listed
 from fuzzyarm.common.console import Sheet, print_paragraphs
+from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm, corners_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -33,8 +34,8 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
-    "CONTROL_PERIOD", "MarginsConfig", "margin_cells", "margin_notes", "margins_in_words", "measure_margins",
-    "policy_margins", "print_margins",
+    "CONTROL_PERIOD", "MarginsConfig", "ends_in_words", "ends_of", "margin_cells", "margin_notes", "margins_in_words",
+    "measure_margins", "policy_margins", "print_margins",
 ]  # fmt: skip
 
 
@@ -84,12 +85,15 @@ class MarginsConfig:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of `fuzzyarm
             tune`, otherwise all named ones, for a robot `ANY_ROBOT`.
         robot: for both plant and policies, as for `chosen_arm`; None: Table 1.
+        control_period: time between two actions [s].
     """
 
     policies: tuple[str, ...] | None = None
     robot: str | os.PathLike[str] | AnyArm | None = None
+    control_period: float = CONTROL_PERIOD
 
     def __post_init__(self) -> None:
+        checked_period("control_period", self.control_period)
         if self.policies is not None:
             distinct("policies", self.policies)
         if not isinstance(self.robot, str | os.PathLike):
@@ -113,14 +117,17 @@ class MarginsConfig:
         words += [word for policy in self.policies or () for word in ("--policy", recorded(policy))]
         if self.robot is not None:
             words += ["--robot", recorded(os.fspath(self.robot))]
+        if self.control_period != CONTROL_PERIOD:
+            words += ["--control-period", f"{self.control_period:g}"]
         return shlex.join(words)
 
 
 def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
-    It holds the provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns.
-    `progress` is called after each policy.
+    It holds the provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns, with
+    ``ends`` if the robot's file has ranges: the spectral radius on each arm at their ends, see `ends_of`. `progress` is
+    called after each policy.
 
     Raises:
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
@@ -129,22 +136,47 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
     policies = {}
     for label, spec in resolve_all(config.names(), run_code=True).items():
-        policy = spec.load(CONTROL_PERIOD, arm)
+        policy = spec.load(config.control_period, arm)
         period = policy.action_period  # over that time the loop is one map
-        policies[label] = policy if period == CONTROL_PERIOD else spec.load(period, arm)
-    rows = []
+        policies[label] = policy if period == config.control_period else spec.load(period, arm)
+    rows, corners = [], corners_of(config.robot)
     for name, policy in policies.items():
-        rows.append({"policy": name, **policy_margins(policy, arm, policy.control_period)})
+        row = {"policy": name, **policy_margins(policy, arm, policy.control_period)}
+        rows.append(row | ({"ends": ends_of(policy, corners, policy.control_period)} if corners else {}))
         progress()
     described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"robot": dataclasses.asdict(arm)}
     return {
         "schema": _SCHEMA,
         **made_now(config.command()),
-        "method": {"control_period": CONTROL_PERIOD, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
+        "method": {"control_period": config.control_period, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
         **described,
         "conditions": [dataclasses.asdict(condition) for condition in _conditions_for(arm)],
         "rows": rows,
     }
+
+
+def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
+    """Return the spectral radius [1] of a policy on each arm at the ends of ranges, by words; None without a loop.
+
+    The policy knows the arm's own values throughout. `corners` are those of `corners_of`; the control period is in s.
+    """
+    found: dict[str, float | None] = {}
+    for words, arm in corners.items():
+        try:
+            found[words] = largest_radius(linearisation.linearise_path(policy, arm, control_period))
+        except ValueError:  # a torque limit, or no equilibrium
+            found[words] = None
+    return found
+
+
+def ends_in_words(ends: Mapping[str, float | None]) -> str:
+    """Return which of the arms at the ends of ranges decides, with its spectral radius and that of the others."""
+    ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
+    first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
+    rest = f"; {', '.join(others)}" if others else ""
+    unstable = any(radius is None or radius >= 1.0 for radius in ends.values())
+    way = "; measure that number before you run it" if unstable else ""
+    return f"at the ends of the ranges, spectral radius {first}, which decides{rest}{way}"
 
 
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
@@ -215,7 +247,7 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     return (
         f"{text}\n\nWARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller "
         f"is unstable {worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and look at the "
-        "margins again before you run it"
+        "margins again before you run it."
     )
 
 
@@ -252,6 +284,8 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
             notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")
+        if "ends" in row:
+            notes.append(f"{row['policy']} {ends_in_words(row['ends'])}.")
         missing: dict[str, list[str]] = {}
         for name, reason in row["reasons"].items():
             missing.setdefault(reason, []).append(f"'{_LIMITS[name][0] if name in _LIMITS else name}'")

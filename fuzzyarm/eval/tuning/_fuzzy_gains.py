@@ -8,7 +8,7 @@ the arm's payload at the tip. The policy knows the nominal arm throughout. Desig
 of the smallest are equally good, and of those the one with the smallest float part of the tip's proven bound is taken,
 see `largest_deviation`.
 
-The decay rate is the first of `_ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
+The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
 inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
 given up where no design with the largest γ, the smallest gains of the grid, meets the requirements.
 """
@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, tip_jacobian
+from fuzzyarm.envs.physics.dynamics import Payload, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import State, columns
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -38,6 +38,7 @@ from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import SETS
 from fuzzyarm.synthesis import DesignFailed, Specification, design
+from fuzzyarm.synthesis.specification import ALPHAS, gamma_for
 
 __all__ = ["FUZZY", "GRID", "PROVEN_SETS", "RULES", "find_gains", "largest_deviation"]
 
@@ -46,8 +47,7 @@ RULES = 4
 FUZZY = f"fuzzy-{RULES}"
 """The name of the fuzzy controller; models that keep more premises are alike, and have its γ and fastest pole."""
 
-_ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)  # decay rates [1/s] that are tried, one after the other
-_GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)  # γ [rad/(N m)] for Table 1 at the first of them
+_GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)  # γ [rad/(N m)] for Table 1 at the first α
 _POLES = (None, 300.0, 250.0, 200.0, 170.0, 150.0, 120.0, 100.0, 80.0, 60.0)  # bounds of the fastest pole [1/s]
 GRID = len(_GAMMAS) * len(_POLES)
 """Designs that are tried for one decay rate."""
@@ -70,7 +70,7 @@ def find_gains(context: Context) -> Found:
     """Return α, γ and the fastest-pole bound selected by the rule; write the controller file."""
     arm: ArmParameters = context.arm
     tried, notes = 0, list[str]()
-    for alpha in _ALPHAS:
+    for alpha in ALPHAS:
         points = _points_of(arm, alpha)
         others, gentle = points[: -len(_POLES)], points[-len(_POLES) :]
         made = context.run(functools.partial(_assessed, arm), gentle)
@@ -82,7 +82,8 @@ def find_gains(context: Context) -> Found:
             break
         notes.append(f"No design with alpha = {alpha:g} 1/s bears what is asked on the sampled elastic arm.")
     else:
-        return nothing(f"No design bears what is asked, down to alpha = {alpha:g} 1/s.", tried)
+        way = "fuzzyarm design asks for less, and names the number of the arm that is in the way"
+        return nothing(f"No design bears what is asked, down to alpha = {alpha:g} 1/s: {way}.", tried)
     best = equals[0]
     controller = design(best.wanted, arm).controller
     controller.save(context.folder / f"{FUZZY}.json")
@@ -95,18 +96,10 @@ def find_gains(context: Context) -> Found:
 
 def _points_of(arm: ArmParameters, alpha: float) -> list[Specification]:
     """Return the points of the grid for an arm and a decay rate [1/s], by ascending γ."""
-    factor = _inertia(ArmParameters()) / _inertia(arm) * _ALPHAS[0] / alpha
-    gammas = [float(f"{factor * gamma:.2g}") for gamma in _GAMMAS]
     return [
-        Specification(NAMED_RULES[RULES], alpha=alpha, gamma=gamma, fastest_pole=pole)
-        for gamma, pole in itertools.product(gammas, _POLES)
+        Specification(NAMED_RULES[RULES], alpha=alpha, gamma=gamma_for(arm, alpha, gamma), fastest_pole=pole)
+        for gamma, pole in itertools.product(_GAMMAS, _POLES)
     ]
-
-
-def _inertia(arm: ArmParameters) -> float:
-    """Return the mean of the joints' largest inertias, rotors included [kg m²]."""
-    constants = arm_constants(arm)
-    return float(np.mean(np.array(arm.motor_inertia) + np.array([constants.c1, constants.c3])))
 
 
 def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:

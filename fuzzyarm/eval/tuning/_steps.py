@@ -34,7 +34,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import SOFTENINGS, weights_for
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
-from fuzzyarm.synthesis.scheduled_design import ALPHAS
+from fuzzyarm.synthesis.specification import ALPHAS
 
 __all__ = ["Step", "steps_for"]
 

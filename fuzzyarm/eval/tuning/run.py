@@ -25,8 +25,10 @@ import numpy as np
 
 from fuzzyarm.common.checks import path_of, truth
 from fuzzyarm.common.console import escaped
+from fuzzyarm.common.documents import read_toml
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
+from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, corners_of, robot_of
+from fuzzyarm.envs.physics.ranges import Ranges
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -41,7 +43,7 @@ from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 
-__all__ = ["NothingFound", "Tuned", "begin", "resumed_arm", "tune", "tune_arm"]
+__all__ = ["NothingFound", "Tuned", "begin", "ranges_of", "resumed_arm", "tune", "tune_arm"]
 
 _MARGINS = "margins.json"
 _INSTANTS = 501  # of the path, at which the weight is held
@@ -62,8 +64,12 @@ class Tuned:
     margins: dict[str, Any]  # the document of `measure_margins`
 
 
-def begin(arm: AnyArm, folder: Path) -> None:
-    """Write the arm into an empty folder; ValueError if the folder is not empty, or if the arm cannot hold itself."""
+def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
+    """Write the arm into an empty folder, with the ranges of its numbers, at whose ends margins are measured too.
+
+    Raises:
+        ValueError: the folder is not empty, or the arm cannot hold itself.
+    """
     if str(folder) in shipped_robots():
         raise ValueError(f"{folder} is also the name of a robot, which --robot would take; choose another name")
     if any(folder.iterdir()):
@@ -71,7 +77,15 @@ def begin(arm: AnyArm, folder: Path) -> None:
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
         raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
     _check_strength(arm)
-    write_atomically(folder / IN_FOLDER, arm.to_toml())
+    write_atomically(folder / IN_FOLDER, arm.to_toml() + (ranges or Ranges()).to_toml())
+
+
+def ranges_of(robot: Any) -> Ranges:
+    """Return the ranges in the file that ``robot`` names, as for `corners_of`."""
+    if not corners_of(robot):
+        return Ranges()
+    path = Path(robot) / IN_FOLDER
+    return Ranges.taken(read_toml(path if path.is_file() else Path(robot)))
 
 
 def _check_strength(arm: AnyArm) -> None:
@@ -118,7 +132,7 @@ def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False
     else:
         arm = chosen_arm(robot, None)
         folder.mkdir(parents=True, exist_ok=True)
-        begin(arm, folder)
+        begin(arm, folder, ranges_of(robot))
     return tune(arm, folder, engine=Engine(jobs=jobs))
 
 
@@ -146,7 +160,10 @@ def tune(
         finished(finding)
     if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
-        raise NothingFound(f"no policy has stable gains for this arm ({reasons})")
+        raise NothingFound(
+            f"no policy has stable gains for this arm ({reasons}); fuzzyarm design --robot names the number in the "
+            "way, and with --control-period designs for a faster loop"
+        )
     laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())
     with bar("margins", len(laws.policies)) as advance:

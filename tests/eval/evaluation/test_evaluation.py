@@ -132,7 +132,7 @@ def test_the_configuration_comes_back_from_its_file_with_points_and_loads(tmp_pa
         ({"parameters": ArmParameters(mass=(12.0, 9.0))}, None, "--robot FILE"),
         ({"robot": dataclasses.replace(robot_named("planar-3r"), name="mine")}, None, "--robot FILE"),
         ({"points": GivenPath(((0.4, 0.5), (0.5, 0.4)))}, None, "--path FILE"),
-        ({"control_period": 2e-3, "cases": ("payload",)}, None, "--case payload"),
+        ({"control_period": 2e-3, "cases": ("payload",)}, "--case payload --control-period 0.002", ""),
     ],
 )
 def test_the_command_of_a_configuration_and_what_the_page_shows_for_unknown_files(changed, command, page):

@@ -17,9 +17,9 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability._linearisation import (
     LocalLoop,
-    _linearise,
     gain_limits,
     largest_radius,
+    linearise_at,
     linearise_path,
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -73,7 +73,7 @@ def stiffer(factor: float) -> ArmParameters:
 
 def linearised(policy, arm, posture, period, payload=None) -> LocalLoop:
     """The loop at its equilibrium near one posture."""
-    return _linearise(policy.without_dry_friction(), arm, posture, period, payload)
+    return linearise_at(policy, arm, posture, period, payload)[0]
 
 
 # x⁺ = x + u, u = -x/2, and the same with an integral: u = -x/2 - s/10, s⁺ = s + x.

@@ -7,7 +7,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.eval.stability._linearisation import _linearise
+from fuzzyarm.eval.stability._linearisation import linearise_at
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.computed_torque import (
     _BANDWIDTH,
@@ -55,9 +55,7 @@ def test_linear_loops_are_those_of_the_policies(condition):
         (policy, observer(place, place.inertia, weights)),
         (ComputedTorquePolicy(TWO, PERIOD, 50.0), _linear_computed_torque(place, 50.0)),
     ):
-        matrix = _linearise(law.without_dry_friction(), plant, place.q, PERIOD, None).matrix(
-            condition.loop_gain, condition.delay
-        )
+        matrix = linearise_at(law, plant, place.q, PERIOD)[0].matrix(condition.loop_gain, condition.delay)
         # the policy's plant moves by a symplectic step, and the rule's by its exponential
         radius = np.abs(np.linalg.eigvals(matrix)).max()
         assert 1.0 - worst_radius(place, linear, (condition,)) == pytest.approx(1.0 - radius, rel=2e-2)

@@ -1,0 +1,133 @@
+"""A robot from a URDF or MJCF file alone: what the model lacks, and typical values by source.
+
+The shipped robots carry values with their sources. For a joint with torque limit Γ they are those of the joint of the
+other robot whose limit Γ' is nearest, times Γ/Γ' (angles and speeds as they are).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.physics import _robot_models as models
+from fuzzyarm.envs.physics.joint import DRIVE_UNITS, Drive, Joint
+from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
+
+__all__ = ["UNITS", "Lacking", "Typical", "completed", "joints_of_model", "typical"]
+
+UNITS = {**DRIVE_UNITS, "velocity_limit": "rad/s", "angle_range": "rad"}
+"""The quantities of a joint that can be given, with their units."""
+_ASKED = tuple(name for name in UNITS if name not in ("static_friction", "stribeck_velocity"))  # by default Coulomb's
+_WORDS = {"motor_inertia": "rotor", "stiffness": "stiffness", "damping": "damping", "torque_limit": "torque limit"}
+_FRICTION = ("viscous_friction", "coulomb_friction")  # 0 in a model that says nothing
+
+Given = Mapping[str, Mapping[str, Any]]  # numbers by quantity, by joint
+
+
+class Lacking(ValueError):
+    """A model lacks numbers; the message lists them all.
+
+    Attributes:
+        quantities: that are lacking, with the joints that lack them.
+    """
+
+    def __init__(self, message: str, quantities: dict[str, list[str]]) -> None:
+        super().__init__(message)
+        self.quantities = quantities
+
+
+class Typical(NamedTuple):
+    """Values of a shipped robot, and what its file says of their sources."""
+
+    robot: str
+    values: dict[str, tuple[float, ...]]  # of its joints from the base on, by quantity
+    sources: tuple[str, ...]
+
+
+def completed(
+    path: Path, tip: Any = None, given: Given | None = None, like: str | None = None, fixed: Collection[str] = ()
+) -> Robot:
+    """Return the robot of a URDF or MJCF file, completed.
+
+    Args:
+        path: of the model.
+        tip: name of a link or site, or a point (3,) [m] in the last link's frame.
+        given: numbers by quantity, see `UNITS`, and by joint; they precede the model's.
+        like: a shipped robot from which the numbers are taken that are neither given nor in the model.
+        fixed: joints that stay as the model has them.
+
+    Raises:
+        Lacking: numbers or the tip are lacking.
+        ModuleNotFoundError: MuJoCo is not installed; the message names the extra.
+        ValueError: the model is not a chain of revolute joints, or a value is out of range or unknown.
+        OSError: the file cannot be read.
+    """
+    tree = models.read_model(path, fixed)
+    numbers, assumed = {name: dict(own) for name, own in (given or {}).items()}, list[str]()
+    for name in numbers:
+        if name not in tree.joints:
+            raise ValueError(f"{shown(name)} is no joint of {path} that moves; those are: {', '.join(tree.joints)}")
+    lacking: dict[str, list[str]] = {}
+    for name, number in zip(tree.joints, tree.numbers, strict=True):
+        own = numbers.setdefault(name, {})
+        stated = tree.stated(name, number)
+        absent = [q for q in _ASKED if q not in own and (stated.get(q) is None or (q in _FRICTION and not stated[q]))]
+        if like is not None and absent:
+            limit = own.get("torque_limit", stated.get("torque_limit"))
+            near, factor = _nearest(robot_named(like), limit)
+            own |= {quantity: _of_joint(near, quantity, factor) for quantity in absent}
+            assumed.append(f"{name}: {', '.join(absent)} of joint {near.name} of {like}, times {factor:.3g}.")
+            absent = []
+        for quantity in absent:
+            lacking.setdefault(quantity, []).append(name)
+    if lacking or tip is None:
+        lines = [f"{quantity} [{UNITS[quantity]}] of {', '.join(names)}" for quantity, names in lacking.items()]
+        if tip is None:
+            lines.append(f"the tip, one of {', '.join(tree.places())}, or a point x,y,z [m] in the last link's frame")
+        raise Lacking("\n".join(lines), lacking)
+    said = f"{path.name}: frames, inertias, and the quantities that it states"
+    chosen = [f"{name}: {', '.join(own)}, as given." for name, own in (given or {}).items() if own]
+    return models.robot_of_model(tree, tip, numbers, (said, *_sources(like)), (*chosen, *assumed))
+
+
+def joints_of_model(path: Path, fixed: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the names of the joints of a model that move; errors as in `completed`."""
+    return models.read_model(path, fixed).joints
+
+
+def typical(quantities: Collection[str]) -> list[Typical]:
+    """Return the values of quantities of the drives in the shipped robots that have a source, with what they say."""
+    found = []
+    for name in shipped_robots():
+        robot, said = robot_named(name), dict[str, None]()
+        for quantity in quantities:
+            word = "friction" if quantity in _FRICTION else _WORDS.get(quantity, quantity)
+            about = [text for text in (*robot.assumptions, *robot.sources) if re.search(word, text, re.IGNORECASE)]
+            said |= dict.fromkeys(about[:1] or robot.sources[:1])
+        values = {quantity: tuple(robot.drive(quantity).tolist()) for quantity in quantities if quantity in DRIVE_UNITS}
+        if values and not robot.sources[0].startswith("None"):
+            found.append(Typical(name, values, tuple(said)))
+    return found
+
+
+def _sources(like: str | None) -> tuple[str, ...]:
+    return () if like is None else (f"What the model lacks: the file of {like} in this package, with its own sources",)
+
+
+def _nearest(robot: Robot, limit: float | None) -> tuple[Joint, float]:
+    """Return the joint of a robot whose torque limit is nearest to one [N m], and the ratio of the limits."""
+    if limit is None:
+        return robot.joints[-1], 1.0
+    near = min(robot.joints, key=lambda joint: abs(math.log(joint.drive.torque_limit / limit)))
+    return near, limit / near.drive.torque_limit
+
+
+def _of_joint(joint: Joint, quantity: str, factor: float) -> Any:
+    if quantity in {field.name for field in dataclasses.fields(Drive)}:
+        return factor * getattr(joint.drive, quantity)
+    return getattr(joint, quantity)

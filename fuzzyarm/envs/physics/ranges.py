@@ -1,0 +1,88 @@
+"""What is not known of an arm: the table `[ranges]` of its file, and the arms at the ends of the ranges.
+
+    [ranges]
+    motor_inertia = [[0.002, 0.06], [0.004, 0.004]]    # lowest and highest of each joint [kg m²]
+    stiffness = [[400.0, 1e5], [200.0, 5e4]]           # [N m/rad]
+
+A log of the motors of an arm that hardly bends tells the inertia of rotor and link about a joint's axis as a sum, and
+no stiffness. Whoever writes such a file gives both ranges; the arm's own values lie within them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import record
+
+__all__ = ["Ranges"]
+
+_SMALLEST, _LARGEST = 1e-12, 1e12  # of an end, in its unit
+_UNITS = {"motor_inertia": "kg m^2", "stiffness": "N m/rad"}
+
+_Intervals = tuple[tuple[float, float], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Ranges:
+    """The lowest and the highest value of each joint; an empty tuple where the arm's own values are known."""
+
+    motor_inertia: _Intervals = ()
+    stiffness: _Intervals = ()
+
+    @classmethod
+    def taken(cls, content: dict[str, Any]) -> Ranges:
+        """Remove the table from the content of a file and return it; empty if there is none.
+
+        Raises:
+            ValueError: the table has an unknown field, or an entry that is no range.
+        """
+        found = record(content.pop("ranges", {}), cls)
+        for name, unit in _UNITS.items():
+            for joint, ends in enumerate(getattr(found, name)):
+                checks.interval(f"ranges: {name}[{joint}]", ends, unit, low=_SMALLEST, high=_LARGEST)
+        return found
+
+    def corners(self, arm: Any) -> dict[str, Any]:
+        """Return the arms at the ends, with all joints at their lower or all at their upper ones, by words.
+
+        Where a rotor's inertia changes, the link's changes by the opposite, see `with_drives` of both kinds of arm. The
+        mapping is empty if no range is given.
+
+        Args:
+            arm: `ArmParameters` or `Robot`.
+
+        Raises:
+            ValueError: the ranges do not belong to the joints of this arm, do not contain its values, or leave a link
+                less than no inertia.
+        """
+        given = {name: getattr(self, name) for name in _UNITS if getattr(self, name)}
+        for name, ranges in given.items():
+            values = arm.drive(name).tolist()
+            if len(ranges) != len(values):
+                raise ValueError(f"ranges: {name} has {len(ranges)} ranges; the arm has {len(values)} joints")
+            for joint, ((low, high), value) in enumerate(zip(ranges, values, strict=True)):
+                checks.real(f"{name}[{joint}]", value, f"{_UNITS[name]} within its range", low=low, high=high)
+        found = {}
+        for ends in itertools.product((0, 1), repeat=len(given)) if given else ():
+            words = ", ".join(f"{name} {('low', 'high')[end]}" for name, end in zip(given, ends, strict=True))
+            drives = {
+                name: tuple(pair[end] for pair in ranges)
+                for (name, ranges), end in zip(given.items(), ends, strict=True)
+            }
+            try:
+                found[words] = arm.with_drives(**drives)
+            except ValueError as error:
+                raise ValueError(f"ranges: no arm has {words}: {error}") from None
+        return found
+
+    def to_toml(self) -> str:
+        """Return the table as TOML, to stand behind that of the arm; empty if no range is given."""
+        lines = [
+            f"{name} = {[list(pair) for pair in getattr(self, name)]}  # lowest and highest of each joint, {unit}"
+            for name, unit in _UNITS.items()
+            if getattr(self, name)
+        ]
+        return "\n".join(["", "[ranges]", *lines]) + "\n" if lines else ""
