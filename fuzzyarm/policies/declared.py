@@ -180,11 +180,11 @@ def _own(spec: PolicySpec, policy: Any) -> Declared | None:
     """Return the declaration of a law without the additions for the ending `TIP` and for passes."""
     path = spec.path
     if spec.shield is not None and spec.kind is not Kind.CODE:
-        law, guest = declared(spec.shield.law), declared(spec.shield.guest)
-        if law is None or guest is None:
+        base, guest = declared(spec.shield.law), declared(spec.shield.guest)
+        if base is None or guest is None:
             return None
         beside = f"; within ({spec.shield.margin}) N m of {spec.shield.law.label}, which knows and remembers"
-        return guest._replace(knows=f"{guest.knows}{beside}: {law.knows}; {law.remembers}")
+        return guest._replace(knows=f"{guest.knows}{beside}: {base.knows}; {base.remembers}")
     if spec.named:
         return _NAMED.get(spec.name.removesuffix(TIP))
     if spec.kind is Kind.CODE:

@@ -47,7 +47,7 @@ def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
 
 
 def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unproven: bool) -> Policy | UserPolicy:
-    """Return the policy that the name of a shield refers to; arguments and errors as for `load_policy`.
+    """Return the policy that the name of a shield refers to, for T [s]; arguments and errors as for `load_policy`.
 
     A model of another library was trained on ``FuzzyArmLearn-v0`` with this shield: u = u_f + δ a.
     """
