@@ -1,110 +1,111 @@
-"""How often the 95 % intervals of `fuzzyarm identify` cover the truth, on logs of the simulated arm of Table 1.
+"""`fuzzyarm identify` on simulated elastic arms (how often its intervals cover the truth) and on recorded logs.
 
-    python benchmarks/identification.py [--seeds N] [--duration SECONDS] [--json FILE]
+    python benchmarks/identification.py [--arms N] [--logs FOLDER] [--json FILE]
 
-Each seed draws the arm that one begins with: every parameter that a log may tell is 0.7 to 1.4 times the true one. The
-motion is suggested for such an arm, and recorded with computed torque that takes the plant for it, encoder noise 1e-5
-rad and 1e-3 rad/s, 1 kHz. Once the velocities are in the log, once they are left out.
+Each arm is drawn at random, and recorded four times for 8 s with computed torque of an arm whose parameters are 0.7 to
+1.4 times the true ones, from which the search begins too; encoder noise 1e-4 rad and 1e-2 rad/s, 1 kHz. FOLDER has logs
+of DFKI's double pendulum, as in github.com/dfki-ric-underactuated-lab/double_pendulum, data/experiment_records, with
+`design_A.0` or `design_C.1` (or `design_A0`, `design_C1`) in their paths; the search begins with two rods of 0.6 kg.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import re
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from measuring import options_of, printed, write
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.identification._fit import DEVIATIONS
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.identification._rigid import UNKNOWNS, arm_of, start_of
-from fuzzyarm.identification.excitation import _NOISE as NOISE
-from fuzzyarm.identification.excitation import rehearsed, suggested
-from fuzzyarm.identification.log import Log
+from fuzzyarm.identification.excitation import _Excitation, rehearsed
+from fuzzyarm.identification.reading import read_log
 from fuzzyarm.identification.result import identify
 
-LOW, HIGH = 0.7, 1.4
+NOISE, LOGS, DURATION, BANDWIDTH = EncoderNoise(1e-4, 1e-2), 4, 8.0, 12.0  # s, rad/s
+# Published beside the logs: L, m, r, I about the centers, I of the rotors, f_v, Γ_fc; their friction is c atan(100 v).
+MODELS = {
+    "A0": ((0.3, 0.2), (0.5594, 0.6043), (0.3, 0.1838), (0.0031, 0.0035), 2 * (2.76e-3,), 2 * (1e-3,), (0.146, 0.1225)),
+    "C1": ((0.2, 0.3), (0.5235, 0.6256), (0.2, 0.2557), (0.011, 0.01), 2 * (2.26e-3,), 2 * (1e-3,), (0.2513, 0.1885)),
+}
 
 
-def drawn(truth: ArmParameters, seed: int) -> ArmParameters:
-    """Return an arm whose unknown parameters are `LOW` to `HIGH` times the true ones."""
-    rng = np.random.default_rng([seed, 1])
-    return arm_of(start_of(truth) * rng.uniform(LOW, HIGH, len(UNKNOWNS)), truth)
+def arm(L: Any, m: Any, r: Any, inertia: Any, rotor: Any, viscous: Any, coulomb: Any, **rest: Any) -> ArmParameters:
+    """Return the arm with these numbers, two of each, and those of `rest`, by the names of `ArmParameters`."""
+    pairs = {"length": L, "mass": m, "mass_center": r, "inertia": inertia, "motor_inertia": rotor} | rest
+    pairs |= {"viscous_friction": viscous, "coulomb_friction": coulomb}
+    return ArmParameters(**{"static_friction": tuple(coulomb)} | {name: tuple(pair) for name, pair in pairs.items()})
 
 
-def found(log: Log, start: ArmParameters, truth: ArmParameters) -> dict[str, Any]:
-    """Return estimates, standard errors and the processor time of one log [s]."""
+def drawn(rng: np.random.Generator) -> ArmParameters:
+    """Return an arm of 1 to 20 kg whose joints resonate at 8 to 25 Hz."""
+    L, m = rng.uniform(0.2, 0.6, 2), 10.0 ** rng.uniform(-0.3, 1.0, 2) * [1.0, 0.7]
+    r, inertia = rng.uniform(0.4, 0.95, 2) * L, m * L * L / 12.0 * rng.uniform(0.5, 1.5, 2)
+    c3 = m[1] * r[1] ** 2 + inertia[1]
+    links = np.array([m[0] * r[0] ** 2 + inertia[0] + m[1] * L[0] ** 2 + c3, c3])
+    rotor = links * rng.uniform(0.05, [0.4, 0.6])
+    hold = 9.81 * np.array([m[0] * r[0] + m[1] * (L[0] + r[1]), m[1] * r[1]])
+    coulomb, reduced = hold * rng.uniform(0.02, 0.12, 2), rotor * links / (rotor + links)
+    k = (2.0 * np.pi * rng.uniform(8.0, 25.0, 2)) ** 2 * reduced
+    rest = {"stiffness": k, "damping": 0.06 * np.sqrt(k * reduced), "torque_limit": 20.0 * hold}
+    rest |= {"static_friction": 1.2 * coulomb, "velocity_limit": (30.0, 30.0)}
+    return arm(L, m, r, inertia, rotor, hold * rng.uniform(0.0, 0.03, 2), coulomb, **rest)
+
+
+def simulated_arm(seed: int) -> dict[str, Any]:
+    """Return what is found of one drawn arm, and which intervals cover the truth."""
+    rng, logs = np.random.default_rng([seed, 3]), []
+    truth = drawn(rng)
+    start = arm_of(start_of(truth) * rng.uniform(0.7, 1.4, len(UNKNOWNS)), truth)
+    for k in range(LOGS):
+        sine, cosine = 0.3 * rng.normal(size=(2, 4, 2)) / np.arange(1, 5)[:, np.newaxis]
+        motion = _Excitation(np.array([0.0, 0.5]), sine, cosine, 0.25, DURATION, start).fitted()
+        logs.append(rehearsed(motion, truth, start, k, NOISE, BANDWIDTH))
     begin = time.process_time()
-    result = identify([log], start)
-    return {
-        "value": result.fit.theta.tolist(),
-        "error": [None if np.isnan(error) else error for error in result.fit.error.tolist()],
-        "condition": result.fit.condition,
-        "correlation": result.fit.correlation,
-        "seconds": time.process_time() - begin,
-    }
+    found = identify(logs, start)
+    seconds = time.process_time() - begin
+    values = dict(zip([one.name for one in UNKNOWNS], start_of(truth).tolist(), strict=True))
+    values["inertia[0] + motor_inertia[0]"] = values["inertia[0]"] + values["motor_inertia[0]"]
+    rows = [row for row in found.rows() if row["low"] is not None]
+    covered = {row["name"]: row["low"] <= values[row["name"]] <= row["high"] for row in rows}
+    told = [row["value"] / values[row["name"]] for row in rows if row["name"].startswith("stiffness")]
+    return {"covered": covered, "stiffness": told, "held_out": found.held_out, "seconds": seconds}
 
 
-def summary(runs: list[dict[str, Any]], truth: np.ndarray) -> list[dict[str, Any]]:
-    """Return a row for each parameter: how often it is told and covered, and how wide its interval is."""
+def recorded(folder: Path) -> list[dict[str, Any]]:
+    """Return a row for each design in a folder: held-out errors of the published model and of ours [mrad]."""
+    paths: dict[str, list[Path]] = {}
+    for path in sorted(folder.glob("**/*.csv")):
+        if (name := re.search(r"design_([AC])\.?(\d)", str(path))) and name[1] + name[2] in MODELS:
+            paths.setdefault(name[1] + name[2], []).append(path)
     rows = []
-    for k, one in enumerate(UNKNOWNS):
-        told = [run for run in runs if run["error"][k] is not None]
-        deviation = np.array([(run["value"][k] - truth[k]) / run["error"][k] for run in told])
-        width = [DEVIATIONS * run["error"][k] for run in told]
-        rows.append(
-            {
-                "name": one.name,
-                "unit": one.unit,
-                "truth": float(truth[k]),
-                "half_width": float(np.median(width)) if told else None,
-                "told": len(told),
-                "covered": int(np.sum(np.abs(deviation) <= DEVIATIONS)),
-                "deviation_rms": float(np.sqrt(np.mean(deviation**2))) if told else None,
-            }
+    for name, ones in paths.items():
+        logs, model = [log for path in ones for log in read_log(path)], MODELS[name]
+        L, rest = (
+            np.array(model[0]),
+            {"stiffness": (1500.0, 300.0), "damping": (0.4, 0.4), "torque_limit": (10.0, 10.0)},
         )
+        rods = arm(L, (0.6, 0.6), 0.75 * L, 0.05 * L**2, (2e-3, 2e-3), (0.0, 0.0), (0.1, 0.1), **rest)
+        begin = time.process_time()
+        ours = identify(logs, rods).held_out
+        seconds = time.process_time() - begin
+        published = identify(logs, arm(*model, **rest)).held_out["start"]
+        rows.append({"design": name, "logs": len(logs), "seconds": seconds, "ours": ours, "published": published})
     return rows
-
-
-def measure(seeds: int, duration: float) -> dict[str, Any]:
-    """Return the document."""
-    truth = ArmParameters()
-    motion = suggested(drawn(truth, seeds), duration)
-    runs: dict[str, list[dict[str, Any]]] = {"angles and velocities": [], "angles alone": []}
-    for seed in range(seeds):
-        start = drawn(truth, seed)
-        log = rehearsed(motion, truth, start, seed)
-        runs["angles and velocities"].append(found(log, start, truth))
-        if seed % 5 == 0:
-            runs["angles alone"].append(found(dataclasses.replace(log, velocity=None), start, truth))
-        print(f"seed {seed}: {runs['angles and velocities'][-1]['seconds']:.1f} s", flush=True)
-    return {
-        "duration": duration,
-        "noise": dataclasses.asdict(NOISE),
-        "motion": {
-            "condition": motion.condition(),
-            **{name: part.tolist() for name, part in motion.largest().items()},
-        },
-        "logs": {
-            name: {
-                "runs": len(ones),
-                "seconds": float(np.median([one["seconds"] for one in ones])),
-                "rows": summary(ones, start_of(truth)),
-            }
-            for name, ones in runs.items()
-        },
-    }
 
 
 def main() -> None:
     """Measure, and write the result."""
     parser = options_of(__doc__)
-    parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--duration", type=float, default=10.0)
+    parser.add_argument("--arms", type=int, default=40)
+    parser.add_argument("--logs", type=Path)
     given = parser.parse_args()
-    (document,) = printed([measure(given.seeds, given.duration)])
-    write(given.json, f"identification.py --seeds {given.seeds} --duration {given.duration:g}", **document)
+    rows = printed(recorded(given.logs)) if given.logs else []
+    arms = printed(simulated_arm(seed) for seed in range(given.arms))
+    write(given.json, f"identification.py --arms {given.arms} --logs LOGS", arms=arms, recorded=rows)
 
 
 if __name__ == "__main__":

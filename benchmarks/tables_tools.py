@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from tables import Section, Table, made_with, markdown, number
+from tables import Section, Table, made_with, number
 
 __all__ = ["TOOLS"]
 
@@ -19,28 +19,14 @@ def _mutants(document: dict[str, Any]) -> str:
     return f"Of {found.total()} mutants the tests noticed {found['died']}; {left}."
 
 
-def _identified(document: dict[str, Any]) -> str:
-    """Return a row for each parameter: the truth, the interval, coverage and deviation, for both kinds of logs."""
-    logs, headings, rows = list(document["logs"].values()), ["parameter", "unit", "truth"], []
-    for name, log in document["logs"].items():
-        headings += [f"{name}: 95 % interval, ±", f"covered, of {log['runs']} logs", "deviation"]
-    for found in zip(*(log["rows"] for log in logs), strict=True):
-        cells = [f"`{found[0]['name']}`", found[0]["unit"], f"{found[0]['truth']:g}"]
-        for row, log in zip(found, logs, strict=True):
-            covered = f"{row['covered']}" + (f" of {row['told']} that tell it" if row["told"] != log["runs"] else "")
-            told = [f"{row['half_width']:.2g}", covered, f"{row['deviation_rms']:.2f}"] if row["told"] else ["-"] * 3
-            cells += told
-        rows.append(cells)
-    return markdown(headings, rows, left=2)
-
-
 def _of_identified(document: dict[str, Any]) -> str:
-    first = next(iter(document["logs"].values()))
-    covered, told = (sum(row[what] for row in first["rows"]) for what in ("covered", "told"))
+    arms = document["arms"]
+    covered = [inside for one in arms for inside in one["covered"].values()]
+    told = [ratio for one in arms for ratio in one["stiffness"]]
     return (
-        f"With velocities, {covered} of {told} intervals cover the truth ({100.0 * covered / told:.1f} %). Logs of "
-        f"{document['duration']:g} s at 1 kHz, {first['seconds']:.0f} s of processor time each to identify; "
-        f"`{document['command']}`"
+        f"On {len(arms)} simulated elastic arms {100.0 * np.mean(covered):.0f} % of {len(covered)} nominal 95 % "
+        f"intervals cover the truth, and {len(told)} stiffnesses are told, {min(told):.2f} to {max(told):.2f} times "
+        f"the true ones. `{document['command']}`"
     )
 
 
@@ -127,7 +113,21 @@ TOOLS = {
         ),
         lambda document: f"`{document['command']}`; {', '.join(document['compilers'].values())}",
     ),
-    "identification": Section("identification", _identified, _of_identified),
+    "identification": Section(
+        "identification",
+        Table(
+            {
+                "design": "{design}",
+                "logs": "{logs}",
+                "published model, joints 1 / 2 [mrad]": "{published[0]:.0f} / {published[1]:.0f}",
+                "rigid arm, held out": "{ours[rigid][0]:.0f} / {ours[rigid][1]:.0f}",
+                "with exact stick": "{ours[sticking][0]:.0f} / {ours[sticking][1]:.0f}",
+                "elastic": "{ours[elastic][0]:.0f} / {ours[elastic][1]:.0f}",
+            },
+            lambda document: document["recorded"],
+        ),
+        _of_identified,
+    ),
     "mutants": Section("mutants", _mutants),
     "learning-curves": Section(
         "learning_curves",

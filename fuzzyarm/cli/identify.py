@@ -12,20 +12,23 @@ from fuzzyarm.cli._usage import UsageError, output_file
 from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, say, say_json, status
 
 if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.identification.conventions import Diagnosis
     from fuzzyarm.identification.log import Log
+    from fuzzyarm.identification.result import Identified
 
 __all__ = ["Options"]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Find the parameters of a two-joint arm in logs of its motors, with 95 % intervals.
+    """Find the parameters of an arm in logs of its motors, with 95 % intervals from several logs.
 
-    Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. Parameters
-    that the log does not determine keep their values from --robot and are listed. With --suggest: write a motion to
-    record first.
+    Least squares on the inverse dynamics give the rigid arm; for two joints the output error refines it. Held-out logs
+    decide whether springs are told. Parameters that no log tells keep their values from --robot and are listed. The
+    exit code is 1 if one of them is inertial, or if the arm explains little of the logs. With --suggest: write a motion
+    to record first.
     """
 
     log: Annotated[tuple[Path, ...], Parameter(name="", metavar="LOG...")] = ()
@@ -46,12 +49,14 @@ class Options:
     apply: Annotated[bool, Parameter(negative="")] = False
     """Read the logs by the conventions that seem likely: units, signs, zeros and order of the joints"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Two-joint arm to start from, a name or a TOML file: lengths, masses and limits are taken from it (default: Table
-    1 of the paper)"""
+    """Arm to start from, a name or a TOML file: lengths or frames, limits and, for two joints, masses are taken from it
+    (default: Table 1 of the paper)"""
+    stribeck: Annotated[bool, Parameter(negative="")] = False
+    """Search friction that is larger at rest too; it counts only if the error on held-out logs falls"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of the arm to write (default: none)"""
     figure: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """Picture of the residuals to write (.png; default: none)"""
+    """Picture of measured and simulated angles to write (.png; default: none)"""
     suggest: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Write a motion to record, in place of reading a log: time, angles, velocities, accelerations and the torques that
     they need (.csv)"""
@@ -76,12 +81,14 @@ class Options:
         elif self.duration is not None:
             raise UsageError("--duration is for --suggest only; a LOG has its own")
         arm = chosen_arm(self.robot, None)
+        if self.suggest is None:
+            return _identify(self, arm)
         if not isinstance(arm, ArmParameters):
             raise UsageError(
-                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; allowed: two-joint arms "
-                "given as ArmParameters"
+                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; --suggest allows two-joint "
+                "arms given as ArmParameters"
             )
-        return _identify(self, arm) if self.log else _suggest(self, arm)
+        return _suggest(self, arm)
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:
@@ -131,60 +138,74 @@ def _logs(options: Options) -> list[Log]:
     return logs
 
 
-def _identify(options: Options, start: ArmParameters) -> int:
+def _identify(options: Options, start: AnyArm) -> int:
     """Identify an arm from logs; print what was done to them, and the results."""
-    from fuzzyarm.identification.conventions import diagnosed
+    from fuzzyarm.common.files import write_atomically
+    from fuzzyarm.envs.physics.equations import robot_of
+    from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.identification.result import identify
 
     logs = _logs(options)
-    if logs[0].angle.shape[1] != 2:
-        raise ValueError(
-            f"{options.log[0]}: it is the log of {logs[0].angle.shape[1]} joints; allowed: two. Choose them with "
-            "--columns q1=NAME,q2=NAME,tau1=NAME,tau2=NAME"
-        )
-    with status("comparing conventions"):
-        doubt = diagnosed(logs, start, options.gear)
     said = [f"{log.name}: {remark}" for log in logs for remark in log.remarks]
-    if doubt.doubtful:
-        said.append(f"conventions: {doubt.sentence()}. " + ("Read so" if options.apply else "--apply reads them so"))
-    elif options.apply:
-        said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
-    if options.apply:
-        logs = [doubt.reading.applied(log) for log in logs]
+    doubt, conventions = None, {}
+    joints, needed = logs[0].angle.shape[1], len(robot_of(start))
+    if joints != needed:
+        raise ValueError(
+            f"{options.log[0]}: it is the log of {joints} joints; the arm of --robot has {needed}. Choose joints with "
+            "--columns q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or another arm"
+        )
+    if isinstance(start, ArmParameters):
+        from fuzzyarm.identification.conventions import diagnosed
+
+        with status("comparing conventions"):
+            doubt = diagnosed(logs, start, options.gear)
+        conventions = {"conventions": _document(doubt, options.apply)}
+        if doubt.doubtful:
+            said.append(
+                f"conventions: {doubt.sentence()}. " + ("Read so" if options.apply else "--apply reads them so")
+            )
+        elif options.apply:
+            said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
+        if options.apply:
+            logs = [doubt.reading.applied(log) for log in logs]
+    elif options.apply or options.stribeck:
+        raise UsageError("--apply and --stribeck are for two-joint arms given as ArmParameters; leave them out")
     try:
         with progress("steps", None) as advance:
-            found = identify(logs, start, advance)
+            found = identify(logs, start, advance, stribeck=options.stribeck)
     except ValueError as error:
-        if not doubt.doubtful or options.apply:
+        if doubt is None or not doubt.doubtful or options.apply:
             raise
         raise ValueError(f"{error}. But {doubt.sentence()}: --apply reads the logs so") from None
     if options.out is not None:
-        found.arm.write_toml(options.out)
+        write_atomically(options.out, found.to_toml())
     if options.figure is not None:
-        found.write_residuals(options.figure)
+        found.write_figure(options.figure)
     if options.json:
-        say_json({"reading": said, "conventions": _document(doubt, options.apply)} | found.to_dict())
-        return 0
-    for line in said:
-        say(line)
+        say_json({"reading": said} | conventions | found.to_dict())
+    else:
+        for line in said:
+            say(line)
+        _print(found)
+        for written in (options.out, options.figure):
+            if written is not None:
+                say(f"written to {written}")
+    return 130 if found.interrupted else int(found.doubtful or bool(found.untold()))
+
+
+def _print(found: Identified) -> None:
+    """Print the parameters, the errors on held-out logs and the remarks."""
     cells, console = [], output()
     for row in found.rows():
-        width = f"{row['high'] - row['value']:.2g}" if row["told"] else "not told"
+        known = row["low"] is not None
+        width = f"{row['low']:.4g} to {row['high']:.4g}" if known else "unknown" if row["told"] else "not told"
         cells.append((row["name"], row["unit"], f"{row['start']:.6g}", f"{row['value']:.6g}", width))
-    Sheet(["parameter", "unit", "start", "found", "95 % interval, +-"], cells, left=(0, 1)).print(console)
-    noise = found.fit.noise.tolist()
-    left = "angles {:.2g} and {:.2g} rad".format(*noise)
-    if len(noise) > 2:
-        left += ", velocities {2:.2g} and {3:.2g} rad/s".format(*noise)
-    fit = (
-        f"{found.samples} samples, {found.period * 1e3:g} ms apart. The fit leaves, rms: {left}. "
-        f"Condition number of the information: {found.fit.condition:.3g}."
-    )
-    print_paragraphs(console, [fit, *found.remarks()])
-    for written in (options.out, options.figure):
-        if written is not None:
-            say(f"written to {written}")
-    return 0
+    Sheet(["parameter", "unit", "start", "found", "95 % interval"], cells, left=(0, 1)).print(console)
+    errors = [(name, *(f"{error:.3g}" for error in held)) for name, held in found.held_out.items()]
+    if errors:
+        joints = [f"joint {k}" for k in range(1, len(errors[0]))]
+        Sheet([f"held-out error [{found.held_out_unit}]", *joints], errors, left=(0,)).print(console)
+    print_paragraphs(console, found.remarks())
 
 
 def _document(doubt: Diagnosis, applied: bool) -> dict[str, object]:

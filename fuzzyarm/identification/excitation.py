@@ -189,14 +189,20 @@ _NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ li
 
 
 def rehearsed(
-    motion: _Excitation, arm: ArmParameters, known: ArmParameters, seed: int, noise: EncoderNoise = _NOISE
+    motion: _Excitation,
+    arm: ArmParameters,
+    known: ArmParameters,
+    seed: int,
+    noise: EncoderNoise = _NOISE,
+    bandwidth: float | None = None,
 ) -> Log:
     """Return the log of a motion on a simulated arm, one sample each millisecond; the controller's model is `known`.
 
-    `noise` disturbs angles [rad] and velocities [rad/s]. ValueError: the arm left its limits.
+    `noise` disturbs angles [rad] and velocities [rad/s]; the controller has a bandwidth [rad/s] (default: its own).
+    ValueError: the arm left its limits.
     """
     env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
-    policy = ComputedTorquePolicy(known)
+    policy = ComputedTorquePolicy(known, bandwidth=bandwidth)
     (observation, _), memory = env.reset(seed=seed), None
     measured, torque, terminated, truncated = [], [], False, False
     while not (terminated or truncated):

@@ -1,6 +1,6 @@
-"""From a log to an arm: rigid parameters by least squares, refined by output error, with remarks for the user.
+"""The identified arm: `identify` takes logs of the motors and returns the arm, what the logs tell of it, and how well.
 
-The residual plot shows measured less simulated, for each motor, with the band in which 95 % of white noise lies.
+See `_two_joints` for the estimation of two-joint arms, and `_links` for that of robots.
 """
 
 from __future__ import annotations
@@ -15,196 +15,302 @@ import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 
-from fuzzyarm.common.checks import instance, sequence_of
+from fuzzyarm.common.checks import instance, sequence_of, truth
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.identification._fit import DEVIATIONS, Fit, fit_elastic
-from fuzzyarm.identification._rigid import (
-    BASE,
-    KEPT,
-    UNKNOWNS,
-    RigidFit,
-    arm_of,
-    base_of,
-    fit_rigid,
-    rigid_arm,
-    start_of,
-)  # fmt: skip
-from fuzzyarm.identification.log import Log, Motion
+from fuzzyarm.envs.physics.ranges import Ranges
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.identification._links import RobotFit, estimated_robot
+from fuzzyarm.identification._rigid import UNKNOWNS, start_of
+from fuzzyarm.identification._simulation import ELASTIC, RIGID, simulated, windows_of
+from fuzzyarm.identification._two_joints import HORIZON, Stages, estimated, units_of
+from fuzzyarm.identification.log import Log
 
 __all__ = ["Identified", "identify"]
 
-_CORRELATED = 0.2  # correlation of neighbouring residuals above which the intervals are too narrow to be believed
-_DOUBT = 3.0  # standard errors
-_UNLIKELY = 30.0  # torques of a log over those of the start, from which on their unit is wrong
-_MOST_LATE = 9  # samples
-_INERTIAL = 5  # of `BASE`, the first ones; the others are friction
-_ROWS = (("angle", "µrad", 1e6), ("velocity", "mrad/s", 1e3))
-_DRAWN = 4000  # points a curve
+_ROTOR = 0.1, 0.9  # shares of the inertia of rotor and link between which the rotor's is taken to be
+_SPRING = 4.0  # factor by which a stiffness that is not told is taken to be off
+_DOUBTFUL = 0.7  # error as a share of the motion or the torque
+_MOST_DRAWN = 4  # logs in a figure
+_NAMES = [one.name for one in UNKNOWNS]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identified:
-    """The arm that was identified from a log.
+    """The arm that was identified from logs.
 
     Attributes:
-        arm: the arm, with the values of the log where it determines them and those of the start elsewhere.
+        arm: the arm, with the values of the logs where they tell them and those of the start elsewhere.
         start: the arm from which the search began.
-        rigid: the least-squares estimate of the rigid arm.
-        fit: the output-error estimate of the elastic arm.
-        samples: number of samples of the log.
-        period: sampling period of the log [s].
+        ranges: between which ends lies what the logs do not tell, and decides whether a controller is stable.
+        parameters: name, unit, start, value and 95 % interval (low, high) of each parameter, and whether the logs tell
+            it; None for an unknown end.
+        held_out: error on logs that the parameters were not found from, of each joint, by stage; the start's first.
+        held_out_unit: of these.
+        interrupted: whether the search was ended before it was through.
+        doubtful: whether the arm explains so little of the logs that units, signs or the start must be wrong.
+        samples: number of samples of all logs.
     """
 
-    arm: ArmParameters
-    start: ArmParameters
-    rigid: RigidFit
-    fit: Fit
+    arm: AnyArm
+    start: AnyArm
+    ranges: Ranges
+    parameters: tuple[dict[str, Any], ...]
+    held_out: dict[str, tuple[float, ...]]
+    held_out_unit: str
+    interrupted: bool
+    doubtful: bool
     samples: int
-    period: float
+    _remarks: tuple[str, ...]
+    _curves: Callable[[], list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return name, unit, start, value and 95 % interval of each parameter; None for an unknown interval."""
-        before, error = start_of(self.start), self.fit.error
-        return [
-            {
-                "name": one.name,
-                "unit": one.unit,
-                "start": float(before[k]),
-                "value": float(self.fit.theta[k]),
-                "low": float(self.fit.theta[k] - DEVIATIONS * error[k]) if self.fit.determined[k] else None,
-                "high": float(self.fit.theta[k] + DEVIATIONS * error[k]) if self.fit.determined[k] else None,
-                "told": bool(self.fit.determined[k]),
-            }
-            for k, one in enumerate(UNKNOWNS)
-        ]
+        """Return a row for each parameter, see `parameters`."""
+        return [dict(row) for row in self.parameters]
+
+    def untold(self) -> tuple[str, ...]:
+        """Return the inertial parameters that no log tells although a rigid arm would show them; empty if all are."""
+        return tuple(row["name"] for row in self.parameters if row["needed"] and not row["told"])
 
     def remarks(self) -> list[str]:
         """Return remarks on the numbers, one or two sentences each."""
-        untold = [row["name"] for row in self.rows() if not row["told"]]
-        found = [f"Motors alone never tell {', '.join(KEPT)}: they are those of the start."]
-        if untold:
-            found.append(f"This log does not tell {', '.join(untold)}: the values of the start are kept.")
-        if self.fit.at_bound.any():
-            ends = ", ".join(one.name for one, ends in zip(UNKNOWNS, self.fit.at_bound, strict=True) if ends)
-            found.append(
-                f"At the end of the allowed range: {ends}. Masses or lengths of the start hardly fit; weigh and "
-                "measure them."
-            )
-        if self.fit.correlation > _CORRELATED:
-            found.append(
-                f"Neighbouring residuals are correlated by {self.fit.correlation:.2f}: the arm does something that the "
-                "equations do not, and the intervals are too narrow."
-            )
-        return found
+        return list(self._remarks)
+
+    def to_toml(self) -> str:
+        """Return the file of the arm, with what is not told as a table of ranges."""
+        return self.arm.to_toml() + self.ranges.to_toml()
 
     def to_dict(self) -> dict[str, Any]:
         """Return all results as plain numbers, lists and strings for JSON."""
         return {
             "samples": self.samples,
-            "period": self.period,
             "parameters": self.rows(),
-            "kept": list(KEPT),
-            "condition": self.fit.condition,
-            "noise": self.fit.noise.tolist(),
-            "correlation": self.fit.correlation,
-            "rigid": {
-                "parameters": [
-                    {"tells": name, "value": float(value), "error": float(error)}
-                    for name, value, error in zip(BASE, self.rigid.base, self.rigid.error, strict=True)
-                ],
-                "condition": self.rigid.condition,
-                "residual": self.rigid.residual.tolist(),
-            },
+            "held_out": {name: list(errors) for name, errors in self.held_out.items()},
+            "held_out_unit": self.held_out_unit,
+            "untold": list(self.untold()),
+            "interrupted": self.interrupted,
+            "doubtful": self.doubtful,
             "remarks": self.remarks(),
-            "arm": self.arm.to_dict(),
+            "ranges": dataclasses.asdict(self.ranges),
+            "arm": self.arm.to_dict() if isinstance(self.arm, ArmParameters) else dataclasses.asdict(self.arm),
         }
 
-    def write_residuals(self, path: Path) -> None:
-        """Write the figure of the residuals as PNG: rows of angles and measured velocities, a column for each joint.
+    def write_figure(self, path: Path) -> None:
+        """Write the figure of measured and simulated angles (robots: torques) as PNG, for up to four logs.
 
         Raises:
             OSError: the file cannot be written.
         """
-        residual, noise = self.fit.residual, self.fit.noise
-        rows = _ROWS[: residual.shape[1] // 2]
-        every = max(1, len(residual) // _DRAWN)
-        time = np.arange(len(residual)) * self.period
+        curves = self._curves()
+        joints = curves[0][2].shape[1]
+        what = "angle [rad]" if isinstance(self.arm, ArmParameters) else "torque [N m]"
         with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-            figure = Figure(figsize=(9.0, 1.2 + 2.1 * len(rows)))
-            grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
-            for row, (name, unit, factor) in enumerate(rows):
-                for joint, axes in enumerate(grid[row]):
-                    channel = 2 * row + joint
-                    rms = factor * noise[channel]
-                    axes.plot(time[::every], factor * residual[::every, channel], linewidth=0.5)
-                    for side in (-DEVIATIONS, DEVIATIONS):
-                        axes.axhline(side * rms, color="black", linewidth=0.9)
-                    axes.set_title(f"{name} of motor {joint + 1}, {rms:.3g} {unit} rms")
-                    axes.set_ylabel(f"residual [{unit}]")
-            for axes in grid[-1]:
-                axes.set_xlabel("time [s]")
-            figure.suptitle("Measured less simulated; between the lines: 95 % of white noise")
+            figure = Figure(figsize=(9.0, 1.2 + 1.7 * joints))
+            grid = figure.subplots(joints, len(curves), sharex="col", squeeze=False)
+            for column, (name, time, measured, computed) in zip(grid.T, curves, strict=True):
+                for joint, axes in enumerate(column):
+                    axes.plot(time, measured[:, joint], color="black", linewidth=0.9, label="measured")
+                    axes.plot(time, computed[:, joint], linewidth=0.9, label="simulated")
+                    axes.set_ylabel(f"{what.replace(' ', f' {joint + 1} ', 1)}")
+                column[0].set_title(name, parse_math=False)
+                column[-1].set_xlabel("time [s]")
+            grid[0, 0].legend()
+            if isinstance(self.arm, ArmParameters):
+                figure.suptitle(f"Simulated from measured states, each for {HORIZON:g} s")
             content = io.BytesIO()
             figure.savefig(content, format="png")
         write_atomically(path, content.getvalue())
 
 
-def identify(logs: Sequence[Log], start: ArmParameters, progress: Callable[[], None] | None = None) -> Identified:
-    """Return the two-joint arm that fits a log best, with confidence intervals.
+def identify(
+    logs: Log | Sequence[Log],
+    start: AnyArm,
+    advance: Callable[[], None] | None = None,
+    *,
+    stribeck: bool = False,
+) -> Identified:
+    """Return the arm that fits the logs best, with confidence intervals and errors on held-out logs.
 
     Args:
-        logs: measurements of the motors, one log.
-        start: the arm from which the search begins. Lengths, masses, gravity, limits and all parameters that the log
-            does not determine keep its values.
-        progress: called after each step of the refinement.
+        logs: measurements of the motors of one arm, one log or several.
+        start: the arm from which the search begins. Lengths, gravity, limits, for two-joint arms masses, and all
+            parameters that the logs do not tell keep its values.
+        advance: called after each step. A KeyboardInterrupt ends the search; what is found so far is returned.
+        stribeck: whether friction that is larger at rest than in motion is searched; it counts only if the held-out
+            error falls. For two-joint arms.
 
     Raises:
-        ValueError: the log excites the arm too little, or no arm fits it; the message names the parameter.
+        ValueError: no log moves the arm, or a log has another number of joints than the arm.
     """
-    if len(sequence_of("logs", logs)) > 1:
-        raise ValueError(f"logs has {len(logs)} entries; allowed: one, without a gap")
-    log = logs[0]
-    motion = instance("log", log, Log).smoothed()
-    rigid = fit_rigid(motion, instance("start", start, ArmParameters))
-    if rigid.undetermined:
-        raise ValueError(
-            f"too little excitation: the log does not determine {', '.join(rigid.undetermined)} (condition number "
-            f"{rigid.condition:.3g}); move both joints to and fro, faster and further, as the motion of --suggest does"
-        )
-    negative = [
-        name
-        for name, value, error in zip(BASE, rigid.base, rigid.error, strict=True)
-        if "friction" not in name and value < -_DOUBT * error
-    ]
-    if negative:
-        raise ValueError(
-            f"the log gives no valid arm: least squares give {', '.join(negative)} a value below 0; check signs and "
-            "units of the log, and masses and lengths of the start"
-        )
-    heavier = float(np.median(np.abs(rigid.base[:_INERTIAL] / base_of(start)[:_INERTIAL])))
-    unit = (
-        f"its torques are {heavier:.2g} times those of the start: check their unit, and the start's masses and lengths"
+    given = [logs] if isinstance(logs, Log) else [instance("logs", one, Log) for one in sequence_of("logs", logs)]
+    if not isinstance(start, ArmParameters):
+        instance("start", start, Robot)
+    truth("stribeck", stribeck)
+    joints = 2 if isinstance(start, ArmParameters) else len(start)
+    for log in given:
+        if log.angle.shape[1] != joints:
+            raise ValueError(f"{log.name} has {log.angle.shape[1]} joints, the start {joints}; give logs of one arm")
+    step = advance or (lambda: None)
+    if isinstance(start, Robot):
+        return _of_robot(given, start, estimated_robot(given, start, step))
+    return _of_stages(given, start, estimated(given, start, stribeck, step))
+
+
+def _of_robot(logs: list[Log], start: Robot, fit: RobotFit) -> Identified:
+    return Identified(
+        arm=fit.robot, start=start, ranges=Ranges(), parameters=fit.rows, held_out=fit.held_out,
+        held_out_unit="share of the torque, rms", interrupted=fit.interrupted, samples=_samples(logs),
+        doubtful=max(fit.held_out.get("robot", (0.0,))) > _DOUBTFUL, _remarks=fit.remarks,
+        _curves=lambda: fit.curves[:_MOST_DRAWN],
+    )  # fmt: skip
+
+
+def _samples(logs: list[Log]) -> int:
+    return sum(len(log.angle) for log in logs)
+
+
+def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identified:
+    """Return the result for a two-joint arm."""
+    rows = _rows(stages)
+    held = {"start": stages.start_error} | stages.errors if stages.start_error is not None else {}
+    return Identified(
+        arm=stages.arm,
+        start=start,
+        ranges=_ranges(stages, rows),
+        parameters=tuple(rows),
+        held_out={name: tuple((1e3 * errors).tolist()) for name, errors in held.items()},
+        held_out_unit="mrad, rms",
+        interrupted=stages.interrupted,
+        doubtful=_is_doubtful(stages),
+        samples=_samples(logs),
+        _remarks=tuple(_remarks(stages, len(logs))),
+        _curves=lambda: [_drawn(log, stages) for log in logs[:_MOST_DRAWN]],
     )
-    if not 1.0 / _UNLIKELY < heavier < _UNLIKELY:
-        raise ValueError(f"the log gives no valid arm: {unit}")
-    try:
-        fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
-        arm = arm_of(fit.theta, start)
-    except (ValueError, np.linalg.LinAlgError) as error:
-        found = "the simulated arm does not follow it" if isinstance(error, np.linalg.LinAlgError) else error
-        cause = _lag(motion, rigid, start, log.period) or unit
-        raise ValueError(f"the log gives no valid arm: {found}; {cause}") from None
-    return Identified(arm, start, rigid, fit, len(log.angle), log.period)
 
 
-def _lag(motion: Motion, rigid: RigidFit, start: ArmParameters, period: float) -> str:
-    """Return the delay of the torque in words if the rigid arm fits better with the torque shifted; empty if not."""
+def _rows(stages: Stages) -> list[dict[str, Any]]:
+    """Return what is told in the order of the search, then what is not.
 
-    def left(lag: int) -> float:
-        shifted = motion._replace(torque=np.roll(motion.torque, -lag, axis=0))
-        return float(np.sum((fit_rigid(shifted, start).residual / rigid.residual) ** 2))
+    The equations of each stage leave something out: an interval is wider than that between the logs by how much the
+    stages that search a parameter differ.
+    """
+    found = stages.found
+    assert found is not None
+    widths, search = found.half_widths(), found.search
+    differing = np.zeros(len(found.z))
+    for other in stages.others:
+        values = other.named()
+        for k, name in enumerate(search.names):
+            value = values.get(name, found.named()[name])
+            own = np.log(value) if search.exponential[k] else value
+            differing[k] = max(differing[k], abs(own - found.z[k]))
+    rows, before, after = [], _named(stages.start), _named(stages.arm)
+    for k, (name, unit) in enumerate(zip(search.names, search.units, strict=True)):
+        ends = None
+        if widths is not None and not np.isnan(widths[k]):
+            wide = np.hypot(widths[k], differing[k])
+            ends = np.clip((found.z[k] - wide, found.z[k] + wide), search.low[k], search.high[k])
+        if ends is not None and search.exponential[k]:
+            ends = np.exp(np.clip(ends, -50.0, 50.0))
+        low, high = (None, None) if ends is None else map(float, ends)
+        rows.append(_row(name, unit, before[name], after[name], low, high, told=True))
+    covered = {name.split(" ")[0] for name in (*search.names, *stages.untold)}
+    rest = [name for name in _NAMES if name not in covered]  # a rigid arm does not show these
+    for name in (*stages.untold, *rest):
+        row = _row(name, units_of([name])[0], before[name], after[name], None, None, told=False)
+        rows.append(row if name in stages.untold else row | {"needed": False})
+    return rows
 
-    lag = min(range(-_MOST_LATE, _MOST_LATE + 1), key=left)
-    late, way = f"{abs(lag) * 1e3 * period:g} ms", "late" if lag > 0 else "early"
-    return f"its torque seems to be {late} {way}: shift it by {abs(lag)} sample(s)" if lag else ""
+
+def _row(
+    name: str, unit: str, start: float, value: float, low: float | None, high: float | None, *, told: bool
+) -> dict[str, Any]:
+    needed = "friction" not in name
+    return {
+        "name": name, "unit": unit, "start": start, "value": value, "low": low, "high": high, "told": told,
+        "needed": needed,
+    }  # fmt: skip
+
+
+def _named(arm: ArmParameters) -> dict[str, float]:
+    """Return the numbers of an arm by name, with the sums and differences that a search may have."""
+    named = dict(zip(_NAMES, start_of(arm).tolist(), strict=True))
+    named["inertia[0] + motor_inertia[0]"] = named["inertia[0]"] + named["motor_inertia[0]"]
+    for joint in (0, 1):
+        static, coulomb = f"static_friction[{joint}]", f"coulomb_friction[{joint}]"
+        named[f"{static} - {coulomb}"] = named[static] - named[coulomb]
+    return named
+
+
+def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
+    """Return the ranges of rotors and springs: the interval where one is told, else a wide range around the value."""
+    arm, by_name = stages.arm, {row["name"]: row for row in rows}
+    rotors, springs = [], []
+    for joint in (0, 1):
+        whole, rotor, spring = (
+            arm.inertia[joint] + arm.motor_inertia[joint],
+            arm.motor_inertia[joint],
+            arm.stiffness[joint],
+        )
+        row = by_name.get(f"motor_inertia[{joint}]", {"low": None})
+        ends = (_ROTOR[0] * whole, _ROTOR[1] * whole) if row["low"] is None else (row["low"], row["high"])
+        rotors.append((min(rotor, max(ends[0], 0.01 * whole)), max(rotor, min(ends[1], _ROTOR[1] * whole))))
+        row = by_name[f"stiffness[{joint}]"]
+        ends = (spring / _SPRING, spring * _SPRING) if row["low"] is None else (row["low"], row["high"])
+        springs.append((max(ends[0], spring / _SPRING), min(ends[1], spring * _SPRING)))
+    for motor in (tuple(rotors), (rotors[0], (arm.motor_inertia[1],) * 2), ((arm.motor_inertia[0],) * 2,) * 2):
+        ranges = Ranges(motor, tuple(springs))
+        try:
+            ranges.corners(arm)
+            return ranges
+        except ValueError:  # no arm with this much of its inertia in its rotors
+            continue
+    return Ranges(stiffness=tuple(springs))
+
+
+def _is_doubtful(stages: Stages) -> bool:
+    """Return whether the error of the stage that counts is above a share `_DOUBTFUL` of the motion of a joint."""
+    if stages.motion is None or not stages.errors:
+        return False
+    errors = stages.errors["elastic" if stages.is_elastic else "sticking" if stages.is_sticking else "rigid"]
+    return bool(np.max(errors / np.maximum(stages.motion, 1e-9)) > _DOUBTFUL)
+
+
+def _remarks(stages: Stages, logs: int) -> list[str]:
+    found = ["Motors alone never tell length, mass and gravity: they are those of the start, as are the limits."]
+    if _is_doubtful(stages):
+        found.append(
+            f"The arm explains little of the logs: held-out errors are above {_DOUBTFUL:g} of the motion. Check units, "
+            "signs and delays of the logs, and lengths and masses of the start."
+        )
+    if stages.untold:
+        found.append(
+            f"No log tells {', '.join(stages.untold)}: the values of the start are kept. Move both joints to and fro, "
+            "faster and further, as the motion of --suggest does."
+        )
+    if logs == 1:
+        found.append("How the values differ between logs is unknown from one log: there are no intervals.")
+    if stages.interrupted:
+        found.append("Interrupted: later stages and some held-out errors are missing.")
+    elif not stages.is_elastic:
+        found.append(
+            "Stiffness, damping and the split of inertia 1 between rotor and link are not told: springs do not lower "
+            "the held-out error. The ranges are part of the file; give the rotor of the data sheet to narrow them."
+        )
+    if "Stribeck" in stages.errors and not any("static" in name for name in stages.found.search.names):  # type: ignore[union-attr]
+        found.append("Friction that is larger at rest does not lower the held-out error: it is not told.")
+    return found
+
+
+def _drawn(log: Log, stages: Stages) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
+    """Return name, times [s], measured and simulated angles (N, 2) [rad] of a log, nan between the simulations."""
+    windows = windows_of(log, 0, HORIZON, HORIZON, 10**6)
+    theta, simulator = start_of(stages.arm), ELASTIC if stages.is_elastic else RIGID
+    computed = np.full(log.angle.shape, np.nan)
+    if len(windows):
+        lanes = np.repeat(theta[:, np.newaxis], len(windows), axis=1)
+        angles = simulated(simulator, windows, lanes, simulator.states(windows, theta, stages.arm), stages.arm)
+        for k, first in enumerate(windows.first):
+            computed[first + windows.taken[1:]] = angles[1:, :, k]
+    return log.name, np.arange(len(log.angle)) * log.period, log.angle, computed

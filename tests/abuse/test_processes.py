@@ -146,7 +146,7 @@ def _stand_ins() -> None:
     from fuzzyarm.eval.tuning import _search as search
     from fuzzyarm.eval.tuning import _steps as steps
     from fuzzyarm.eval.tuning import run
-    from fuzzyarm.identification import _fit as fit
+    from fuzzyarm.identification import _two_joints
 
     def step(policy: str, chosen: dict[str, float]) -> Any:
         def find(context: Any) -> Any:
@@ -155,7 +155,8 @@ def _stand_ins() -> None:
         return steps.Step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
-    linearisation.POSTURES, fit._SEGMENTS = 2, fit._SEGMENTS[:1]
+    linearisation.POSTURES = 2
+    _two_joints._STEPS = _two_joints._ELASTIC_STEPS = _two_joints._MORE_STEPS = 1
 
 
 def begun(name: str) -> Path:

@@ -135,10 +135,15 @@ def test_derivatives_turn_with_the_angles():
 
 def test_the_command_says_it_and_applies_it(logs, tmp_path, capsys, monkeypatch):
     class Found:
+        interrupted = doubtful = False
+
+        def untold(self):
+            return ()
+
         def to_dict(self):
             return {}
 
-    def identify(logs, *_):
+    def identify(logs, *_, **__):
         if np.abs(logs[0].angle).max() > 10.0:
             raise ValueError("no valid arm")
         seen.append(logs)

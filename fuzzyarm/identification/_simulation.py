@@ -1,0 +1,238 @@
+"""Short windows of logs, and their simulation from given states under the logged torques.
+
+The links are not measured, and a simulation without feedback diverges from an arm held against gravity within a second;
+over a window the two stay close. The torques are held between the samples. There are two plants:
+
+    rigid     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + g(q) = Γ - f_v q̇ - F(q̇) q̇ / √(q̇² + v_0²),    by Runge and Kutta's method
+    elastic   motors and links, with exact stick, as in the environment
+
+The rigid arm's friction is smooth around v = 0, because its derivatives are needed; v_0 is below what encoders resolve.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.periods import default_substeps
+from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, dry_frictions, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.elementwise import root
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.integrator import force_line, hold_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, filled, places, record_type, size
+from fuzzyarm.identification._rigid import constants_of
+from fuzzyarm.identification.log import Log
+from fuzzyarm.numbers.functions import repeat, zeros
+from fuzzyarm.numbers.machine import Kernel, Layout
+from fuzzyarm.numbers.program import Program
+
+__all__ = ["ELASTIC", "RIGID", "Simulator", "Windows", "rms_errors", "simulated", "windows_of"]
+
+_CUTOFF = 20.0  # Hz, of the filter behind the states at the beginnings of windows
+_HIGHEST = 0.4  # cut-off frequency as a share of half the sampling rate, at most
+_EDGE = 0.15  # s at both ends of a log in which the filter has not settled
+_STILL = 0.02  # rad: windows in which no joint moves further than that say nothing
+_SMOOTH = 0.02  # v_0 [rad/s]
+_LARGEST_STEP = 1e-3  # s, of the rigid arm
+_LOST = 1e3  # rad, of a simulation that has run away
+_WORST = 10.0  # rad that an error counts at most
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Windows:
+    """S windows of one log, of equal length."""
+
+    log: int  # number of the log
+    period: float  # between two samples [s]
+    first: np.ndarray  # numbers of their first samples, (S,)
+    q: (
+        np.ndarray
+    )  # angles, velocities and accelerations at the beginnings, behind a filter [rad, rad/s, rad/s²], (S, 2)
+    dq: np.ndarray
+    ddq: np.ndarray
+    torque: np.ndarray  # held from a sample to the next [N m], (steps, 2, S)
+    taken: np.ndarray  # numbers of the samples that are compared, counted from the first, (K,)
+    measured: np.ndarray  # angles at these [rad], (K, 2, S)
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def chosen(self, which: np.ndarray) -> Windows:
+        """Return some of the windows, by numbers or by truth, (S,)."""
+        ends = {name: getattr(self, name)[which] for name in ("first", "q", "dq", "ddq")}
+        return dataclasses.replace(self, **ends, torque=self.torque[..., which], measured=self.measured[..., which])
+
+
+def windows_of(log: Log, number: int, length: float, every: float, points: int, most: int = 10**9) -> Windows:
+    """Return the windows of a log in which the arm moves.
+
+    Args:
+        log: of a two-joint arm; it has this number.
+        number: see `log`.
+        length: of a window [s].
+        every: time from the beginning of a window to that of the next [s].
+        points: K, how many samples of a window are compared.
+        most: how many windows are kept, evenly spread.
+    """
+    rate = 1.0 / log.period
+    cutoff = butter(4, min(_CUTOFF, 0.5 * _HIGHEST * rate), fs=rate, output="sos")
+    q = sosfiltfilt(cutoff, log.angle, axis=0)
+    dq = np.gradient(q, log.period, axis=0)
+    ddq = np.gradient(dq, log.period, axis=0)
+    steps, edge = max(round(length * rate), 4), round(_EDGE * rate)
+    first = np.arange(edge, len(q) - steps - edge, max(round(every * rate), 1))
+    rows = first + np.arange(steps + 1)[:, np.newaxis]
+    if len(first):
+        first = first[np.ptp(log.angle[rows], axis=0).max(axis=1) > _STILL]
+    if len(first) > most:
+        first = first[np.linspace(0, len(first) - 1, most).astype(int)]
+    taken = np.unique(np.linspace(0, steps, min(points, steps + 1)).round().astype(int))
+    rows = first + np.arange(steps)[:, np.newaxis]
+    torque, measured = (
+        np.ascontiguousarray(part.transpose(0, 2, 1))
+        for part in (log.torque[rows], log.angle[first + taken[:, np.newaxis]])
+    )
+    return Windows(number, log.period, first, q[first], dq[first], ddq[first], torque, taken, measured)
+
+
+class Simulator(NamedTuple):
+    """A plant that windows are simulated with."""
+
+    states: Callable[[Windows, np.ndarray, ArmParameters], np.ndarray]  # at the beginnings, (n, S), for θ (17,)
+    hold: Callable[[], Callable[..., None]]  # returns the function that advances lanes by one period
+    substeps: Callable[[float, ArmParameters], int]  # of a period [s]
+    known: np.ndarray  # standard deviation of each of the states that the filter gives [rad, rad/s], (n,)
+    turn: np.ndarray  # of states, for differences, (n,)
+
+
+_RigidState: Any = record_type("RigidState", angle=PerJoint, rate=PerJoint)
+
+
+@functools.cache
+def _rigid_hold() -> Callable[..., None]:
+    physics = two_joints()
+
+    def slope(state: Any, torque: Any, arm: Any) -> Any:
+        rate = state.rate
+        (m11, m12), (_, m22) = physics.mass_matrix(state.angle, arm)
+        links = physics.inverse_dynamics(state.angle, rate, PerJoint(0.0, 0.0), arm)
+        smooth = (v / root(v * v + _SMOOTH * _SMOOTH) for v in rate)
+        dry = (stribeck_magnitude(v, own) for v, own in zip(rate, dry_frictions(arm), strict=True))
+        first, second = (
+            given - load - viscous * v - size_ * sign
+            for given, load, viscous, v, size_, sign in zip(
+                torque, links, (arm.viscous1, arm.viscous2), rate, dry, smooth, strict=True
+            )
+        )
+        m11, m22 = m11 + arm.motor_inertia1, m22 + arm.motor_inertia2
+        inverse = 1.0 / (m11 * m22 - m12 * m12)
+        rise = PerJoint((m22 * first - m12 * second) * inverse, (m11 * second - m12 * first) * inverse)
+        return _RigidState(rate, rise)
+
+    def along(state: Any, slope: Any, h: Any) -> Any:
+        parts = zip(state, slope, strict=True)
+        return _RigidState(*(PerJoint(a.joint1 + h * b.joint1, a.joint2 + h * b.joint2) for a, b in parts))
+
+    def step(state: Any, torque: Any, arm: Any, given: Any) -> tuple[Any, ...]:
+        h, substeps = given
+
+        def sub_step(now: Any) -> Any:
+            k1 = slope(now, torque, arm)
+            k2 = slope(along(now, k1, 0.5 * h), torque, arm)
+            k3 = slope(along(now, k2, 0.5 * h), torque, arm)
+            k4 = slope(along(now, k3, h), torque, arm)
+            for k, weight in ((k1, 1 / 6), (k2, 1 / 3), (k3, 1 / 3), (k4, 1 / 6)):
+                now = along(now, k, weight * h)
+            return now
+
+        return repeat(substeps, sub_step, state), torque, arm
+
+    kinds = _RigidState, PerJoint, Arm
+    kernel = Kernel(Program(step, [zeros(places(kind)) for kind in kinds], (0.0, 0.0)), [Layout.COLUMNS] * 3)
+    return lambda state, torque, arm, *given: kernel((state, torque, arm), np.array(given, dtype=np.float64))
+
+
+def _rigid_substeps(period: float, arm: ArmParameters) -> int:
+    """Return enough sub-steps for a stable smooth friction, whose slope at rest is Γ_fs / v_0."""
+    M = np.array([two_joints().mass_matrix(PerJoint(0.0, q2), arm_constants(arm)) for q2 in (0.0, 0.5 * math.pi)])
+    turning = np.linalg.inv(M + np.diag(arm.motor_inertia))
+    slope = np.array(arm.static_friction) / _SMOOTH + np.array(arm.viscous_friction)
+    rate = float(np.max(np.abs(np.linalg.eigvals(turning * slope))))
+    return max(math.ceil(period / _LARGEST_STEP - 1e-9), min(math.ceil(period * rate), 100))
+
+
+def _rigid_states(windows: Windows, theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
+    return np.concatenate([windows.q.T, windows.dq.T])
+
+
+@functools.cache
+def _elastic_hold() -> Callable[..., None]:
+    hold, forces = hold_of(two_joints()), size(force_line(two_joints().axes))
+    return lambda state, torque, arm, *given: hold(state, torque, np.zeros((forces, state.shape[1])), arm, *given)
+
+
+def _elastic_states(windows: Windows, theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
+    """Return the states with joints bent by the torques of their links."""
+    constants = filled(Arm, constants_of(theta[:, np.newaxis], arm)[:, 0])
+    load = rigid_inverse_dynamics(windows.q, windows.dq, windows.ddq, constants)
+    link = windows.q - load / np.array([constants.stiffness1, constants.stiffness2])
+    return np.concatenate([windows.q.T, link.T, windows.dq.T, windows.dq.T])
+
+
+RIGID = Simulator(
+    _rigid_states, _rigid_hold, _rigid_substeps, np.array([2e-3, 2e-3, 0.1, 0.1]), np.array([1e-5, 1e-5, 1e-4, 1e-4])
+)
+ELASTIC = Simulator(
+    _elastic_states,
+    _elastic_hold,
+    lambda period, arm: default_substeps(period, fastest_rate([arm])),
+    np.array([1e-3] * 2 + [3e-3] * 2 + [0.1] * 4),
+    np.array([1e-5] * 4 + [1e-4] * 4),
+)
+
+
+def simulated(
+    simulator: Simulator, windows: Windows, theta: np.ndarray, states: np.ndarray, arm: ArmParameters
+) -> np.ndarray:
+    """Return the angles [rad] of the motors at the samples that are compared, (K, 2, lanes).
+
+    Args:
+        simulator: the plant.
+        windows: S of them; the lanes go through them once or several times.
+        theta: θ of the lanes, (17, lanes), see `_rigid`.
+        states: at the beginnings, (n, lanes).
+        arm: for what θ does not contain.
+    """
+    hold, count = simulator.hold(), simulator.substeps(windows.period, arm)
+    lanes, constants = np.array(states, order="C"), np.ascontiguousarray(constants_of(theta, arm))
+    torque = np.ascontiguousarray(np.tile(windows.torque, (1, 1, states.shape[1] // len(windows))))
+    found, place = np.empty((len(windows.taken), 2, states.shape[1])), 0
+    for k in range(len(torque) + 1):
+        if windows.taken[place] == k:
+            found[place] = lanes[:2]
+            place += 1
+        if k < len(torque):
+            hold(lanes, torque[k], constants, windows.period / count, count)
+    return np.clip(np.nan_to_num(found, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LOST, _LOST)
+
+
+def rms_errors(
+    simulator: Simulator, windows: Sequence[Windows], theta: np.ndarray, arm: ArmParameters
+) -> list[np.ndarray]:
+    """Return the error of the angles of each window [rad], rms over its samples, (S, 2), for θ (17,)."""
+    found = []
+    for one in windows:
+        lanes = np.repeat(theta[:, np.newaxis], len(one), axis=1)
+        angles = simulated(simulator, one, lanes, simulator.states(one, theta, arm), arm)
+        errors: np.ndarray = np.sqrt(np.mean((angles - one.measured) ** 2, axis=0)).T
+        found.append(np.minimum(errors, _WORST))
+    return found

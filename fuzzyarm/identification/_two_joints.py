@@ -1,0 +1,336 @@
+"""The two-joint arm from logs, in stages: rigid least squares, output error, and what held-out logs confirm.
+
+    rigid start     `_rigid.fit_rigid`
+    rigid           output error over windows of 0.4 s; a parameter that no log tells stays at the start's value
+    Stribeck        static friction beside Coulomb friction, if it is asked for
+    sticking        the rigid arm again, with springs so stiff that they do not matter, and exact stick
+    elastic         stiffness, damping and both rotors, over windows of 0.2 s
+
+A later stage counts only if the *held-out error* falls: the logs are dealt into at most five groups (one log is cut
+into three parts), each group is predicted with the parameters of the others, over 0.5 s from measured states, and the
+error of the angles is taken, rms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.identification._output_error import Found, Search, fitted
+from fuzzyarm.identification._rigid import (
+    UNKNOWNS,
+    arm_of,
+    fit_rigid,
+    rigid_arm,
+    rotor_share,
+    start_of,
+    static_ratio,
+)
+from fuzzyarm.identification._simulation import ELASTIC, RIGID, Simulator, Windows, rms_errors, windows_of
+from fuzzyarm.identification.log import Log
+
+__all__ = ["HORIZON", "Stages", "estimated", "units_of"]
+
+_WINDOW, _ELASTIC_WINDOW = 0.4, 0.2  # s
+_POINTS, _ELASTIC_POINTS = 20, 40  # samples of a window that are compared
+_MOST, _MOST_ELASTIC = 400, 120  # windows of all logs
+HORIZON, _EVERY = 0.5, 0.25  # s, of a prediction; from the beginning of one to that of the next
+_GROUPS, _PARTS = 5, 3
+_STEPS, _MORE_STEPS, _ELASTIC_STEPS = 15, 3, 8
+_CLOSE, _ELASTIC_CLOSE = 1e-4, 1e-3  # decrease of the cost, as a share of it, at which a search ends
+_BETTER, _NOT_WORSE = 0.98, 1.01  # factor of the held-out error of both joints together, and of one, of a later stage
+_LIKELY, _LIKELY_ROTOR, _LIKELY_SPRING = 0.5, 2.0, 1.5  # standard deviations: shares of the start, logarithm
+_FRICTION = 0.2  # share of a joint's torque that is a large change of friction
+_STIFF, _WIDEST = 60.0, 3.0  # Hz; factor between a told stiffness and the ends of its interval
+_LEAST, _FARTHEST = 1e-3, 2.0  # share of its scale that a number keeps; lengths of its link that a center may be off
+_MEDIAN, _FOURTH = 0.6744897501960817, 70.0**0.5  # of |x| for x normal; of the coefficients 1, -4, 6, -4, 1
+_PLACES = {one.name: k for k, one in enumerate(UNKNOWNS)}
+
+
+@dataclasses.dataclass(eq=False)
+class Stages:
+    """What the stages found; the attributes of stages that were not reached are None."""
+
+    start: ArmParameters
+    arm: ArmParameters  # the best so far
+    found: Found | None = None  # the output error of the last stage that counts
+    untold: tuple[str, ...] = ()  # numbers of the rigid arm that no log tells
+    is_elastic: bool = False
+    is_sticking: bool = False  # whether the last stage that counts has exact stick
+    start_error: np.ndarray | None = None  # held-out error of the start's rigid arm [rad], (2,)
+    motion: np.ndarray | None = None  # how far the joints go in the windows that are predicted [rad], rms, (2,)
+    errors: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)  # held-out errors of the stages [rad]
+    others: list[Found] = dataclasses.field(default_factory=list)  # results of every stage, whether it counts or not
+    interrupted: bool = False
+
+    def keep(
+        self, found: Found, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False
+    ) -> None:
+        """Take a stage's result; static friction keeps the start's ratio to Coulomb friction unless it was found."""
+        theta = found.theta.copy()
+        if is_sticking:
+            for k, one in enumerate(UNKNOWNS):
+                if one.field in ("stiffness", "damping"):
+                    theta[k] = start_of(self.start)[k]
+        if not (is_elastic or is_sticking or any(name in _RISES for name in found.search.names)):
+            for joint, ratio in enumerate(static_ratio(self.start)):
+                theta[_PLACES[f"static_friction[{joint}]"]] = ratio * theta[_PLACES[f"coulomb_friction[{joint}]"]]
+        self.is_sticking = is_sticking or is_elastic
+        self.found, self.untold, self.is_elastic, self.arm = found, untold, is_elastic, arm_of(theta, self.start)
+
+
+def estimated(
+    logs: Sequence[Log], start: ArmParameters, stribeck: bool, advance: Callable[[], None] = lambda: None
+) -> Stages:
+    """Return the stages for the logs of one arm; see the module.
+
+    Args:
+        logs: of both motors.
+        start: the arm from which the search begins.
+        stribeck: whether static friction is searched too.
+        advance: called after each step. A KeyboardInterrupt ends the stages at what is found so far.
+
+    Raises:
+        ValueError: the arm rests in all logs.
+    """
+    stages = Stages(start, start)
+    try:
+        _run(stages, logs, stribeck, advance)
+    except KeyboardInterrupt:
+        if stages.found is None:
+            raise
+        stages.interrupted = True
+    return stages
+
+
+def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[[], None]) -> None:
+    start = stages.start
+    windows = [windows_of(log, k, _WINDOW, _WINDOW, _POINTS, _MOST // len(logs)) for k, log in enumerate(logs)]
+    windows = [one for one in windows if len(one)]
+    if not windows:
+        raise ValueError(
+            "too little excitation: no joint moves by more than 0.02 rad within 0.4 s; record the motion of --suggest"
+        )
+    motions, noise = [log.smoothed() for log in logs], _noise_of(logs)
+    rough = rigid_arm(fit_rigid(motions, start), start)
+    torque, speed = (
+        np.sqrt(np.mean(np.concatenate([getattr(motion, name) for motion in motions]) ** 2, axis=0))
+        for name in ("torque", "dq")
+    )
+    friction = np.concatenate([torque / np.maximum(speed, 1e-3), torque]) * _FRICTION
+    predicted = [windows_of(log, k, HORIZON, _EVERY, 10**9) for k, log in enumerate(logs)]
+    dealt = _Dealt([len(log.angle) for log in logs])
+
+    def fit(
+        search: Search,
+        simulator: Simulator,
+        parts: list[Windows],
+        begin: np.ndarray,
+        steps: int = _STEPS,
+        arm: ArmParameters = start,
+    ) -> Found:
+        close = _CLOSE if simulator is RIGID and steps == _STEPS else _ELASTIC_CLOSE
+        found = fitted(
+            parts, simulator, search, arm, noise=noise, steps=steps, begin=begin, close=close, advance=advance
+        )
+        if found.interrupted and stages.found is not None:
+            raise KeyboardInterrupt
+        if steps != _MORE_STEPS:
+            stages.others.append(found)
+        return found
+
+    def held_out(found: Found, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
+        """Return the error of predictions of each group with the parameters of the others [rad], (2,)."""
+        errors = []
+        for group in range(dealt.groups):
+            others, own = dealt.chosen(parts, group, inside=False), dealt.chosen(predicted, group, inside=True)
+            theta = fit(found.search, simulator, others, found.z, _MORE_STEPS, arm).theta if others else found.theta
+            errors += rms_errors(simulator, own, theta, arm)
+        return _rms(errors)
+
+    search, begin = _rigid_search(start, friction, stribeck=False), _rigid_numbers(rough)
+    found = fit(search, RIGID, windows, begin)
+    told = found.told()
+    if not told.all():
+        search = search.without(~told)
+        found = fit(search, RIGID, windows, found.z[told])
+    stages.keep(found, tuple(name for name, one in zip(_RIGID_NAMES, told, strict=True) if not one))
+    if found.interrupted:
+        raise KeyboardInterrupt
+    stages.motion = _rms([np.sqrt(np.mean((one.measured - one.measured[:1]) ** 2, axis=0)).T for one in predicted])
+    stages.start_error = _rms(rms_errors(RIGID, predicted, _without_static(start_of(start)), start))
+    stages.errors["rigid"] = best = held_out(found, RIGID, windows)
+    if stribeck:
+        search = _rigid_search(start, friction, stribeck=True)
+        search = search.without(np.array([name in stages.untold for name in search.names]))
+        found = fit(search, RIGID, windows, np.concatenate([found.z, 0.1 * friction[2:]]))
+        stages.errors["Stribeck"] = errors = held_out(found, RIGID, windows)
+        if _is_better(errors, best):
+            best = errors
+            stages.keep(found, stages.untold)
+    parts = [
+        windows_of(log, k, _ELASTIC_WINDOW, _ELASTIC_WINDOW, _ELASTIC_POINTS, _MOST_ELASTIC // len(logs))
+        for k, log in enumerate(logs)
+    ]
+    parts, sticking = [one for one in parts if len(one)], _stiffened(stages.arm)
+    search = _rigid_search(sticking, friction, stribeck=False, ratio=static_ratio(stages.arm))
+    search = search.without(np.array([name in stages.untold for name in search.names]))
+    found = fit(search, ELASTIC, parts, search.start, _ELASTIC_STEPS, sticking)
+    stages.errors["sticking"] = errors = held_out(found, ELASTIC, parts, sticking)
+    if _is_better(errors, best):
+        best = errors
+        stages.keep(found, stages.untold, is_sticking=True)
+    search = _elastic_search(stages.arm, friction)
+    found = fit(search, ELASTIC, parts, search.start, _ELASTIC_STEPS)
+    stages.errors["elastic"] = errors = held_out(found, ELASTIC, parts)
+    if _is_better(errors, best) and _tells_springs(found):
+        stages.keep(found, (), is_elastic=True)
+
+
+def _tells_springs(found: Found) -> bool:
+    """Return whether the intervals of the springs' stiffness are narrower than a factor `_WIDEST` to both sides."""
+    widths, springs = found.half_widths(), [name.startswith("stiffness") for name in found.search.names]
+    return bool(np.all(found.told()[springs] if widths is None else widths[springs] < np.log(_WIDEST)))
+
+
+class _Dealt:
+    """Windows dealt into groups: by logs, those of a single log by time."""
+
+    def __init__(self, lengths: Sequence[int]) -> None:
+        self._length = lengths[0] if len(lengths) == 1 else 0
+        self.groups = _PARTS if self._length else min(len(lengths), _GROUPS)
+
+    def chosen(self, parts: Sequence[Windows], group: int, *, inside: bool) -> list[Windows]:
+        """Return the windows inside a group or those of all other groups."""
+        found = []
+        for one in parts:
+            if self._length:
+                own = one.first * self.groups // self._length == group
+            else:
+                own = np.full(len(one), one.log % self.groups == group)
+            found.append(one.chosen(own == inside))
+        return [one for one in found if len(one)]
+
+
+_RIGID_NAMES = (
+    "inertia[0] + motor_inertia[0]", "inertia[1]", "mass_center[0]", "mass_center[1]", "motor_inertia[1]",
+    "viscous_friction[0]", "viscous_friction[1]", "coulomb_friction[0]", "coulomb_friction[1]",
+)  # fmt: skip
+_RISES = ("static_friction[0] - coulomb_friction[0]", "static_friction[1] - coulomb_friction[1]")
+
+
+def units_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the units of numbers by their names, which may be sums."""
+    units = {one.name: one.unit for one in UNKNOWNS}
+    return tuple(units[name.split(" ")[0]] for name in names)
+
+
+def _rigid_numbers(arm: ArmParameters) -> np.ndarray:
+    """Return the numbers of `_RIGID_NAMES`, (9,)."""
+    sums = arm.inertia[0] + arm.motor_inertia[0], arm.inertia[1], *arm.mass_center, arm.motor_inertia[1]
+    return np.array([*sums, *arm.viscous_friction, *arm.coulomb_friction])
+
+
+def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray:
+    """Return T with the entries of each number: its parameter, or those that are given by name."""
+    T = np.zeros((len(UNKNOWNS), len(names)))
+    for column, name in enumerate(names):
+        for parameter, factor in of.get(name, {name: 1.0}).items():
+            T[_PLACES[parameter], column] = factor
+    return T
+
+
+def _rigid_search(
+    start: ArmParameters, friction: np.ndarray, *, stribeck: bool, ratio: Sequence[float] | np.ndarray = (1.0, 1.0)
+) -> Search:
+    """Return the search for the rigid arm, with the start as a prior but for friction.
+
+    `friction` are large changes of viscous [N m s/rad] and of dry friction [N m], (4,); `ratio` is that of static to
+    Coulomb friction.
+    """
+    names, z, share = [*_RIGID_NAMES, *(_RISES if stribeck else ())], _rigid_numbers(start), rotor_share(start)
+    of = {names[0]: {"inertia[0]": 1.0 - share, "motor_inertia[0]": share}}
+    for joint in (0, 1):
+        of[f"coulomb_friction[{joint}]"] = {
+            f"coulomb_friction[{joint}]": 1.0,
+            f"static_friction[{joint}]": ratio[joint],
+        }
+        of[_RISES[joint]] = {f"static_friction[{joint}]": 1.0}
+    matrix, masses, centers = _matrix(names, of), np.array(start.mass), np.array(start.mass_center)
+    turning = z[:2] + masses * centers**2
+    likely = np.concatenate([_LIKELY * turning, _LIKELY * z[2:4], [_LIKELY_ROTOR * z[4]]])
+    dry = len(names) - len(likely)
+    fixed = np.where(matrix.any(axis=1), 0.0, start_of(start))
+    scale = np.concatenate([likely, friction, friction[2:]])[: len(names)]
+    return Search(
+        names=tuple(names),
+        units=units_of(names),
+        matrix=matrix,
+        fixed=fixed,
+        logarithmic=np.zeros(len(fixed), dtype=bool),
+        start=np.concatenate([z, np.zeros(2)])[: len(names)],
+        likely=np.concatenate([likely, np.full(dry, np.inf)]),
+        scale=scale,
+        low=np.concatenate([_LEAST * turning, _LEAST * z[2:4], [_LEAST * turning[1]], np.zeros(dry)]),
+        high=np.concatenate([[np.inf] * 2, _FARTHEST * np.maximum(start.length, centers), np.full(dry + 1, np.inf)]),
+    )
+
+
+def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
+    """Return the search for rotors, springs and dampers too, with the rigid arm as a prior."""
+    names = [one.name for one in UNKNOWNS if one.field not in ("static_friction", "stribeck_velocity")]
+    theta, ratio = start_of(arm), static_ratio(arm)
+    of = {f"coulomb_friction[{k}]": {f"coulomb_friction[{k}]": 1.0, f"static_friction[{k}]": ratio[k]} for k in (0, 1)}
+    matrix = _matrix(names, of)
+    logarithmic = np.array([one.field in ("motor_inertia", "stiffness", "damping") for one in UNKNOWNS])
+    place = [_PLACES[name] for name in names]
+    exponent, fixed = logarithmic[place], np.where(matrix.any(axis=1), 0.0, theta)
+    start = np.where(exponent, np.log(np.maximum(theta[place], 1e-12)), theta[place])
+    kinds = [name.split("[")[0] for name in names]
+    links = _LIKELY * np.array(arm.inertia) + 0.01 * np.array(arm.mass) * np.array(arm.length) ** 2
+    likely = np.concatenate([links, 0.1 * np.array(arm.length), [0.7, 0.7], friction, np.full(4, _LIKELY_SPRING)])
+    lows = {"inertia": 1e-3, "mass_center": 1e-3}
+    low = np.where(exponent, -np.inf, 0.0)
+    for k, kind in enumerate(kinds):
+        if kind in lows:
+            low[k] = lows[kind] * max(start[k], likely[k])
+    return Search(
+        names=tuple(names), units=units_of(names), matrix=matrix, fixed=fixed, logarithmic=logarithmic, start=start,
+        likely=likely, scale=likely, low=low, high=np.full(len(names), np.inf),
+    )  # fmt: skip
+
+
+def _stiffened(arm: ArmParameters) -> ArmParameters:
+    """Return the arm with joints that resonate at `_STIFF`, damped by a tenth of the critical damping."""
+    constants, rotors = arm_constants(arm), np.array(arm.motor_inertia)
+    links = np.array([constants.c1, constants.c3])
+    reduced, rate = rotors * links / (rotors + links), 2.0 * np.pi * _STIFF
+    stiffness, damping = rate**2 * reduced, 0.2 * rate * reduced
+    return dataclasses.replace(arm, stiffness=tuple(stiffness.tolist()), damping=tuple(damping.tolist()))
+
+
+def _without_static(theta: np.ndarray) -> np.ndarray:
+    """Return θ of an arm whose friction at rest is that of motion, as the rigid stage takes it."""
+    found = theta.copy()
+    for joint in (0, 1):
+        found[_PLACES[f"static_friction[{joint}]"]] = theta[_PLACES[f"coulomb_friction[{joint}]"]]
+    return found
+
+
+def _rms(errors: Sequence[np.ndarray]) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
+
+
+def _is_better(errors: np.ndarray, before: np.ndarray) -> bool:
+    ratio = errors / before
+    return bool(np.prod(ratio) < _BETTER and ratio.max() < _NOT_WORSE)
+
+
+def _noise_of(logs: Sequence[Log]) -> float:
+    """Return the noise of the angles [rad] from their fourth differences; at least a rounding."""
+    rough = [np.median(np.abs(np.diff(log.angle, 4, axis=0))) / (_MEDIAN * _FOURTH) for log in logs]
+    return max(float(np.median(rough)), 1e-7)
