@@ -38,7 +38,7 @@ class Options:
 
         reports: list[Verification | BoundCheck | second.SecondCheck] = []
         if self.twice and (other := next((path for path in self.files if not is_bound(path)), None)):
-            raise ValueError(f"--twice is for files of bounds; {other} is none: leave it out, or --twice")
+            raise ValueError(f"--twice is for files of bounds, and {other} is not one; leave out --twice")
         with progress("verifying", len(self.files)) as advance:
             for path in self.files:
                 check = check_bound if is_bound(path) else verify_file
