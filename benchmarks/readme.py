@@ -61,7 +61,7 @@ def near_bounds() -> dict[str, Any]:
     """Return the bounds for arms near Table 1 [mm] that `fuzzyarm evaluate` shows, with the files that they are of."""
     document, published = stored("tip_bound"), json.loads((BENCHMARKS / "published.json").read_text(encoding="utf-8"))
     made = published["results"]["tip_bound"]["policies"]
-    rows = [row for row in on_the_circle(document) if row["set"] == "near"]
+    rows = [row for row in on_the_circle(document) if row["set"] == "near" and row["policy"] in made[row["commit"]]]
     bounds = {row["policy"]: {"bound_mm": row["bound_mm"], **made[row["commit"]][row["policy"]]} for row in rows}
     return {"command": document["command"], "bounds": bounds}
 

@@ -230,9 +230,9 @@ def test_the_table_fits_80_columns_marks_the_best_and_ranks_no_micrometre():
     stored = json.loads(resources.files("fuzzyarm.eval.evaluation").joinpath("near_bounds.json").read_text("utf-8"))
     lines = printed_results(rows, files={names[1]: stored["bounds"][names[1]]["files"]})
     assert f"{names[0]} < 0.001 / 0.00200 4.98 / 10.8 1.84 / 10.8" in lines
-    assert f"{names[1]} < 0.001 / 0.00200 4.79 / 10.8* 1.79 / 10.8* 0.603" in lines
+    assert f"{names[1]} < 0.001 / 0.00200 4.79 / 10.8* 1.79 / 10.8* 0.768" in lines
     for others in ({"files": {names[1]: {"fuzzy-4-sampled.json": "0"}}}, {"path": "lemniscate"}):
-        assert not any("0.603" in line or "near" in line for line in printed_results(rows, **others))
+        assert not any("0.768" in line or "near" in line for line in printed_results(rows, **others))
 
 
 def test_who_lost_the_path_once_has_no_mark():
