@@ -24,6 +24,7 @@ from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
@@ -147,7 +148,8 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     """
     choice("number", number, ("double", "float"))
     folder, _ = path_of("folder", folder), instance("policy", policy, Policy)  # type: ignore[type-abstract]
-    if number == "float" and isinstance(policy, AdaptiveObserverPolicy | LearnedObserverPolicy):
+    inside = policy.guest if isinstance(policy, ShieldedPolicy) else policy
+    if number == "float" and isinstance(inside, AdaptiveObserverPolicy | LearnedObserverPolicy):
         raise Unsupported(
             f"{label} needs double: in float its covariance loses its digits, and the tip errs by centimetres; "
             'choose number "double"'

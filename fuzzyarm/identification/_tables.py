@@ -233,10 +233,10 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
             raise ValueError(f"it has {numbers} numbers; allowed: {_MOST_NUMBERS}")
         found = loadmat(io.BytesIO(content), variable_names=[one[0] for one in plain]) if plain else {}  # type: ignore[arg-type]
     except Exception as error:  # scipy's reader lets through whatever a damaged file brings about
-        raise ValueError(f"it is no MATLAB file, or a damaged one ({' '.join(str(error).split())[:120]})") from None
+        raise ValueError(f"it is not a MATLAB file, or it is damaged ({' '.join(str(error).split())[:120]})") from None
     if not plain:
         raise ValueError(
-            f"its variables ({listing(name for name, *_ in listed)}) are no arrays of numbers; save the "
+            f"its variables ({listing(name for name, *_ in listed)}) are not arrays of numbers; save the "
             "fields of a struct with: save('log.mat', '-struct', 'log')"
         )
     return {name: found[name] for name, *_ in plain if isinstance(found.get(name), np.ndarray)}
@@ -272,7 +272,7 @@ def _bag(path: Path, topic: str | None) -> Table:
     except OSError:
         raise
     except Exception as error:  # the library lets through whatever a damaged file brings about
-        raise ValueError(f"it is no ROS 2 bag, or a damaged one ({' '.join(str(error).split())[:120]})") from None
+        raise ValueError(f"it is not a ROS 2 bag, or it is damaged ({' '.join(str(error).split())[:120]})") from None
     if not states:
         where = f" on {topic}" if topic else ""
         raise ValueError(f"it has no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}")

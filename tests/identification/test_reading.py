@@ -215,14 +215,14 @@ REFUSED = [
     ("log.npy", pickled(), "is damaged (arrays of object are not read)"),
     ("log.npz", zipped(pickled()), "is damaged (arrays of object are not read)"),
     ("log.npz", b"PK\x03\x04" + bytes(100), "is damaged"),
-    ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(range(200)), "it is no MATLAB file, or a damaged one"),
+    ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(range(200)), "it is not a MATLAB file, or it is damaged"),
     (
         "log.mat",
         b"\x89HDF\r\n\x1a\n" + bytes(200),
         "a MATLAB file of version 7.3; save it with: save('log.mat', '-v7',",
     ),
-    ("log.mcap", bytes(range(256)), "it is no ROS 2 bag, or a damaged one"),
-    ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is no ROS 2 bag, or a damaged one"),
+    ("log.mcap", bytes(range(256)), "it is not a ROS 2 bag, or it is damaged"),
+    ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is not a ROS 2 bag, or it is damaged"),
 ]
 
 

@@ -8,6 +8,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.export._c_text import program_of
+from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.shield import shielded
@@ -127,6 +128,11 @@ def test_a_shield_is_written_in_c_like_any_law():
         warnings.simplefilter("error")
         text = program_of(load_policy("shield:fuzzy-4-tip:ppo-robust:4,2")).source_text("shield", "double")
     assert "shield_step" in text
+
+
+def test_an_observer_is_not_written_in_float_because_it_is_a_guest(tmp_path):
+    with pytest.raises(ValueError, match="needs double"):
+        export_c("shield", load_policy("shield:fuzzy-4-tip:adaptive-observer:4,2"), tmp_path, "float")
 
 
 @pytest.mark.parametrize(
