@@ -33,13 +33,13 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
-from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.batch.tables import check_reference
+from fuzzyarm.envs.batch.tables import tabulated
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import chosen_arm, equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
@@ -254,17 +254,16 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     def _build(self, disturbance: Disturbance, own: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
         physics, payload, noise = equations_of(self.parameters), disturbance.payload, disturbance.encoder_noise
-        members = self.randomisation.references if own is None else (own,)
-        for member in members:
-            check_reference(member, self.parameters)
-        built = [Schedule.build(member, disturbance, self.control_period, physics.axes) for member in members]
+        one, drawn = np.zeros(1, dtype=np.int64), self.randomisation.references
+        tables, _, places = tabulated([Scenario(disturbance, own)], [self.parameters], one, drawn, self.control_period)
+        built = [episode.schedule for episode in tables.episodes]
         steps = np.array([one.steps for one in built])
         like = torch.empty(0, dtype=self.dtype, device=self.device)
         return Shared(
             equations=Equations(physics),
             plant=physics.plant_of(self.parameters),
             payload=checks.real("payload mass", payload.mass, "kg", low=0.0, high=LARGEST),
-            payload_place=physics.payload_place(payload, self.parameters),
+            payload_place=float(places[0]),
             noise=Noise(0.0, 0.0) if noise is None else Noise(noise.position, noise.velocity),
             ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges(physics.joints)),
             period=self.control_period,

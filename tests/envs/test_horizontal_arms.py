@@ -76,5 +76,6 @@ def test_premises_without_gravity_lie_within_bounds_of_some_width():
     assert_allclose([h.sum(), v.sum()], 1.0)
 
 
-def test_a_motion_to_record_is_judged_by_what_moves_the_motors():
+def test_a_motion_to_record_is_judged_by_what_moves_the_motors(monkeypatch):
+    monkeypatch.setattr("fuzzyarm.identification.excitation._REFINEMENTS", 60)
     assert suggested(FLAT, 4.0).condition() < 1e4

@@ -36,15 +36,14 @@ import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
 
 envs = gym.make_vec("FuzzyArm-v0", num_envs=40, randomisation="plants", case="machining")
 found = hashlib.sha256()
-for name in ("fuzzy-4", "elastic-observer"):
-    policy = fuzzyarm.load_policy(name)
-    observation, _ = envs.reset(seed=0)
-    state = None
-    for _ in range(300):
-        torque, state = policy.predict(observation, state)
-        observation, reward, *_, info = envs.step(torque)
-        for array in (observation, reward, info["tip"], torque, state):
-            found.update(np.ascontiguousarray(array).tobytes())
+policy = fuzzyarm.load_policy("elastic-observer")
+observation, _ = envs.reset(seed=0)
+state = None
+for _ in range(300):
+    torque, state = policy.predict(observation, state)
+    observation, reward, *_, info = envs.step(torque)
+    for array in (observation, reward, info["tip"], torque, state):
+        found.update(np.ascontiguousarray(array).tobytes())
 print(found.hexdigest())
 """
 

@@ -5,9 +5,11 @@ Each lane is in its own scenario, or for one episode in a scenario requested by 
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import itertools
-from collections.abc import Sequence
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -53,6 +55,8 @@ class Tables:
         stops = np.cumsum([len(episode.schedule.table) for episode in self.episodes])
         self.starts = np.array([np.hstack(episode.start) for episode in self.episodes])
         self.starts[:, START.first], self.starts[:, START.last] = np.append(0, stops[:-1]), stops - 1
+        for shared in (self.table, self.starts):
+            shared.flags.writeable = False
 
     def first_rows(self, scenarios: np.ndarray) -> np.ndarray:
         """Return the first rows (n,) in the table of scenarios (n,) given by number."""
@@ -134,14 +138,43 @@ def tabulated(
     pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)
     for number, plant in pairs.T:
         reference = kinds[number][1]
-        for member in family if reference is None else (reference,):
-            check_reference(member, plants[plant])
-    axes = equations_of(plants[0]).axes
-    tables = Tables([_episodes(one, family, control_period, axes) for one in kinds])
+        _shared(_check_all, family if reference is None else (reference,), plants[plant])
+    tables = _shared(_tables, tuple(kinds), family, control_period, equations_of(plants[0]).axes)
     place_of = [
         equations_of(plants[plant]).payload_place(kinds[number][0].payload, plants[plant]) for number, plant in pairs.T
     ]
     return tables, scenario_of, np.array(place_of)[pair_of.ravel()]
+
+
+def _shared(compute: Callable[..., Any], *arguments: Any) -> Any:
+    """Return compute(*arguments), where nothing in the arguments can change the same one for all batches.
+
+    The 320 references of the learning task take a second to tabulate, and their table has 30 MB.
+    """
+    return (compute if _constant(arguments) else compute.__wrapped__)(*arguments)  # type: ignore[attr-defined]
+
+
+def _constant(value: Any) -> bool:
+    """Return whether a value consists of numbers, words, tuples and frozen data classes alone."""
+    if isinstance(value, tuple):
+        return all(map(_constant, value))
+    if dataclasses.is_dataclass(value):
+        parts = (getattr(value, field.name) for field in dataclasses.fields(value))
+        return value.__dataclass_params__.frozen and all(map(_constant, parts))  # type: ignore[attr-defined]
+    return value is None or isinstance(value, (bool, int, float, str))
+
+
+@functools.lru_cache(maxsize=4)
+def _check_all(references: tuple[Reference, ...], arm: AnyArm) -> None:
+    """Raise ValueError unless the arm can follow all these references."""
+    for reference in {id(one): one for one in references}.values():
+        check_reference(reference, arm)
+
+
+@functools.lru_cache(maxsize=2)
+def _tables(kinds: tuple[Scenario, ...], family: tuple[Reference, ...], control_period: float, axes: int) -> Tables:
+    """Return the tables of scenarios every `control_period` [s], with `axes` coordinates of the tip."""
+    return Tables([_episodes(one, family, control_period, axes) for one in kinds])
 
 
 def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Episode]:
@@ -151,7 +184,9 @@ def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: f
     noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
     start = Start(0, 0, mass, noise, float(reference is None))
     members = family if reference is None else (reference,)
-    return [_Episode(one, Schedule.build(one, disturbance, control_period, axes), start) for one in members]
+    once = {id(one): one for one in members}
+    schedules = {key: Schedule.build(one, disturbance, control_period, axes) for key, one in once.items()}
+    return [_Episode(one, schedules[id(one)], start) for one in members]
 
 
 def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:
