@@ -30,7 +30,7 @@ from measuring import options_of, printed, write
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import TrackingVertices
 from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN

@@ -151,12 +151,12 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
             if name == "train":
                 made.command(cyclopts.App(name=name, **listed))
             else:
-                made.command(f"fuzzyarm.cli.{name}:Options", name=name, **listed)
+                made.command(f"fuzzyarm.cli._commands.{name}:Options", name=name, **listed)
     made.register_install_completion_command(help="Install completion for bash, zsh or fish.", group=flags)
     for flag in ("--help", "--version"):
         made[flag].group = flags
     if words is None or "train" in words[:1]:
-        importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
+        importlib.import_module("fuzzyarm.cli._commands.train").add_algorithms(made["train"])
     elif words and words[0] in _modules():  # the command shows the docstring of its options, and its arguments
         command = made[words[0]]
         command.help = None  # so far the line for the list of all commands

@@ -19,10 +19,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, per_joint_of
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -31,7 +31,7 @@ from fuzzyarm.fuzzy_policy.ts_model import PREMISES
 from fuzzyarm.proof.invariant_set import InvariantSet, invariant_set
 from fuzzyarm.proof.policy_certificate import PolicyCertificate, certificate_of
 
-__all__ = ["LawSheet", "certified_numbers", "default_certificate", "sheet_of"]
+__all__ = ["certified_numbers", "default_certificate", "sheet_of"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +45,7 @@ class _Quantity:
 
 
 @dataclasses.dataclass(frozen=True)
-class LawSheet:
+class _LawSheet:
     """Everything needed to implement a policy."""
 
     policy: str  # its name
@@ -161,7 +161,7 @@ def _fuzzy(policy: FuzzyPolicy) -> _Law:
     return f"fuzzy law of {model.rules} rules, {controller.form} form", equations, tuple(quantities)
 
 
-def sheet_of(name: str, policy: Policy) -> LawSheet:
+def sheet_of(name: str, policy: Policy) -> _LawSheet:
     """Return the sheet of a policy with its name in the heading; ValueError for kinds of policies without a sheet."""
     law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
     common = (
@@ -179,7 +179,7 @@ def sheet_of(name: str, policy: Policy) -> LawSheet:
     )
     certificate = default_certificate(policy)
     along = None if certificate is None or isinstance(policy, TipPolicy) else invariant_set(certificate.controller)
-    return LawSheet(instance("name", name, str), law, equations, (*common, *quantities), check, certificate, along)
+    return _LawSheet(instance("name", name, str), law, equations, (*common, *quantities), check, certificate, along)
 
 
 def default_certificate(policy: Policy) -> PolicyCertificate | None:

@@ -45,7 +45,7 @@ class Controller(SignedController):
     """
 
     model: TSModel  # which holds the robot and the kept premises
-    form: str  # "consistent" or "paper" (Theorem 2, or 1 if all premises are kept), see `proof.theorems`
+    form: str  # "consistent" or "paper" (Theorem 2, or 1 if all premises are kept), see `proof._theorems`
     integral: bool  # whether x_I = ∫ (q - q_d) dt is fed back
     alpha: float  # guaranteed decay rate [1/s], in `RATES`
     # guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's form: from

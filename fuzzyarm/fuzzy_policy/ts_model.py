@@ -26,7 +26,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "descriptor_terms", "premises",
+    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "premises",
     "rule_products",
 ]  # fmt: skip
 
@@ -135,12 +135,12 @@ class TSModel:
 
     def E(self, z: np.ndarray) -> np.ndarray:
         """Return E_p(z) of (5), (4, 4), for premises z (5,)."""
-        base, slopes = descriptor_terms(self.parameters)["E"]
+        base, slopes = _descriptor_terms(self.parameters)["E"]
         return np.asarray(base + z[0] * slopes[0])
 
     def A(self, z: np.ndarray) -> np.ndarray:
         """Return A_p(z) of (5), (4, 4), for premises z (5,)."""
-        base, slopes = descriptor_terms(self.parameters)["A"]
+        base, slopes = _descriptor_terms(self.parameters)["A"]
         return np.asarray(base + np.tensordot(z[1:], slopes[1:], axes=1))
 
     @property
@@ -170,7 +170,7 @@ class TSModel:
 
     def polytope_in(self, number: Callable[[float], Any]) -> _Polytope:
         """Return vertices and uncertainties in another number type: exact ones prove what floats only approximate."""
-        terms = descriptor_terms(self.parameters, number)
+        terms = _descriptor_terms(self.parameters, number)
         bounds = [(number(low), number(high)) for low, high in self.bounds.tolist()]
         middles = [(low + high) / 2 for low, high in bounds]
 
@@ -206,7 +206,7 @@ class TSModel:
         return rule_products(omega[self.kept_in_A]), rule_products(omega[self.kept_in_E])
 
 
-def descriptor_terms(
+def _descriptor_terms(
     parameters: ArmParameters, number: Callable[[float], Any] = float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return E_p and A_p of (5) as base (4, 4) and slopes (5, 4, 4) over z1..z5, in a number type."""

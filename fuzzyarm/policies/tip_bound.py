@@ -34,11 +34,11 @@ from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 from fuzzyarm.proof.tip.zonotope import SOURCES
 
 __all__ = [
-    "PATHS", "PERIOD", "Lap", "LapClaim", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain",
+    "PERIOD", "LapClaim", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain",
     "problem_of", "two_joint_arm",
 ]  # fmt: skip
 
-PATHS = tuple(SHAPES)  # paths of the tip by name
+_PATHS = tuple(SHAPES)  # paths of the tip by name
 _LAPS, _MOST_LAPS = 3, 5  # of references that the law is asked about; that a search does
 _CLOSED = 1e-9  # largest difference of the references at both ends of a closed path [rad, ...]
 PERIOD = 1e-3  # control period [s], the environment's own
@@ -53,7 +53,7 @@ class TipClaim:
         case: name of the case, whose payload and tip force act.
         set_name: label of the set for its user, see `check_set_name`; results do not depend on it.
         plants: the set.
-        path: one of `PATHS`.
+        path: one of `_PATHS`.
         duration: of the motion [s].
         steps: number of control steps of the motion that are bounded; None for all.
         laps: "one", or "ever": the motion is repeated without an end, with its case, and all laps are bounded.
@@ -84,7 +84,7 @@ class TipClaim:
         object.__setattr__(self, "policy", any_guest(self.policy))
         object.__setattr__(self, "set_name", self.set_name or _known(self.plants) or "own")
         check_set_name(self.set_name, self.plants)
-        choice("path", self.path, PATHS)
+        choice("path", self.path, _PATHS)
         real("duration", self.duration, "s", low=PERIOD, high=LONGEST)
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=self.samples)
@@ -134,7 +134,7 @@ class LapClaim(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Lap:
+class _Lap:
     """A proven bound on the tip error of a lap."""
 
     tip: np.ndarray  # bound of the tip error at the end of each control step [m]
@@ -146,16 +146,16 @@ class Lap:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TipBound(Lap):
+class TipBound(_Lap):
     """A proven bound on the tip error: of the first lap, and of later ones."""
 
     claim: TipClaim  # for which it is proven
     arm: ArmParameters  # in the middle of the set
     seconds: float  # duration of the proof
-    later: tuple[Lap, ...] = ()  # the second lap and so on; the last of them is every later one
+    later: tuple[_Lap, ...] = ()  # the second lap and so on; the last of them is every later one
 
     @property
-    def all_laps(self) -> tuple[Lap, ...]:
+    def all_laps(self) -> tuple[_Lap, ...]:
         """The first lap and the later ones."""
         return (self, *self.later)
 
@@ -218,7 +218,7 @@ def arm_in_words(arm: ArmParameters) -> str:
 
 def own_duration(policy: str, arm: ArmParameters | None, path: str, points: GivenPath | None) -> float:
     """Return the duration [s] of the motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
-    choice("path", path, PATHS)
+    choice("path", path, _PATHS)
     arm = two_joint_arm(load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm))
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration
 
@@ -280,7 +280,7 @@ def find_bound(
     """
     begin = time.perf_counter()
     problem = problem_of(instance("claim", claim, TipClaim), policy)
-    name, laps, ever = plain(claim.policy), list[Lap](), claim.laps == "ever"
+    name, laps, ever = plain(claim.policy), list[_Lap](), claim.laps == "ever"
     start: LapSet | None = None
     for number in range(1, _MOST_LAPS + 1):
         tube = Tube(problem, None if claims is None else claims[number - 1].steps, start)
@@ -304,12 +304,12 @@ def find_bound(
         raise NoBound(f"{name}: the end of lap {_MOST_LAPS} leaves the set in which it begins: {filled:.4g} of 1")
     if claims is not None and len(claims) != len(laps):
         raise NoBound(f"{name}: the file has {len(claims)} laps, of which {len(laps)} count")
-    first = {field.name: getattr(laps[0], field.name) for field in dataclasses.fields(Lap)}
+    first = {field.name: getattr(laps[0], field.name) for field in dataclasses.fields(_Lap)}
     seconds = time.perf_counter() - begin
     return TipBound(**first, claim=claim, arm=problem.parameters, seconds=seconds, later=tuple(laps[1:]))
 
 
-def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> Lap:
+def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> _Lap:
     """Return the bound of a lap; `NoBound` with a message that begins with `name`."""
     steps: list[Step] = []
     try:
@@ -320,4 +320,4 @@ def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> Lap:
     except (ValueError, ArithmeticError) as error:
         raise NoBound(f"{name}t = {PERIOD * len(steps):.3f} s: {error}") from None
     tip, whole, sources = (np.array([getattr(s, name) for s in steps]) for name in ("tip", "whole", "sources"))
-    return Lap(tip=tip, whole=whole, sources=sources, steps=tuple(steps), begin=tube.begin)
+    return _Lap(tip=tip, whole=whole, sources=sources, steps=tuple(steps), begin=tube.begin)

@@ -13,8 +13,8 @@ from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
+from fuzzyarm.proof._theorems import error_phi, error_psi, tracking_psi
 from fuzzyarm.proof.definiteness import exact, is_positive_definite, largest_growth, smallest_eigenvalue, stated
-from fuzzyarm.proof.theorems import error_phi, error_psi, tracking_psi
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 
 __all__ = ["NOT_COVERED", "PROVEN", "Certificate", "Claim", "certify", "controller_statement", "decay_words"]

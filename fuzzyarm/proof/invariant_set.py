@@ -6,7 +6,7 @@ of the box, |x_i,d| + ρ_i <= limit_i, and let x_i² <= p_i V. If
     r p_i <= ρ_i²  for every entry x_i that the box limits,      γ² W² <= 2αr,
 
 then {V <= r} lies in the box at every instant, and V' < 0 on its border while |w| <= W: from this set the arm stays in
-the box. Every number is exact and rational, and the printed decimals are what is compared (`is_invariant`).
+the box. Every number is exact and rational, and the printed decimals are what is compared (`_is_invariant`).
 
 *Consistent form.* V = xᵀ P⁻¹ x, and p_i = P_ii is the smallest possible (Cauchy-Schwarz). The reference is the paper's
 circle, whose |q_d| and |q̇_d| are bounded in balls at every instant (`_residual`). w holds the feedforward residual
@@ -36,7 +36,7 @@ from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 from fuzzyarm.proof._residual import feedforward_residual, largest_motion
 from fuzzyarm.proof.definiteness import exact, inverse, largest_of_inverse, rational, stated
 
-__all__ = ["Bounds", "InvariantSet", "invariant_set", "is_invariant"]
+__all__ = ["Bounds", "InvariantSet", "invariant_set"]
 
 _DIGITS = 4  # of the printed numbers
 
@@ -60,7 +60,7 @@ class InvariantSet(NamedTuple):
     statement: str  # in words
 
 
-def is_invariant(level: float, disturbance: float, bounds: Bounds) -> bool:
+def _is_invariant(level: float, disturbance: float, bounds: Bounds) -> bool:
     """Return whether {V <= level} is proven to lie in the box, and never to be left while |d| <= disturbance."""
     r, W = stated(level), stated(disturbance) + bounds.residual
     inside = (room > 0 and r * p <= room * room for p, room in zip(bounds.spread, bounds.room, strict=True))
@@ -83,9 +83,9 @@ def _largest(bounds: Bounds) -> tuple[float, float]:
     if min(bounds.room) <= 0:
         return 0.0, 0.0
     widest = min(room * room / p for p, room in zip(bounds.spread, bounds.room, strict=True))
-    level = _rounded_down(_float(widest), lambda r: is_invariant(r, 0.0, bounds._replace(residual=0)))
+    level = _rounded_down(_float(widest), lambda r: _is_invariant(r, 0.0, bounds._replace(residual=0)))
     W = math.sqrt(2.0 * _float(bounds.alpha) * level / _float(bounds.gamma2))
-    disturbance = _rounded_down(W - _float(bounds.residual), lambda d: is_invariant(level, d, bounds))
+    disturbance = _rounded_down(W - _float(bounds.residual), lambda d: _is_invariant(level, d, bounds))
     return (level, disturbance) if disturbance > 0.0 else (0.0, W)
 
 

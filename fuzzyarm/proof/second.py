@@ -191,7 +191,7 @@ def link_torque(c: list[Any], q: Any, v: Any, a: Any) -> list[Any]:
     return [first + c[3] * q[0].sin() + c[4] * sin12, second + c[4] * sin12]
 
 
-def link_slopes(c: list[Any], q: Any, v: Any, a: Any) -> list[list[list[Any]]]:
+def _link_slopes(c: list[Any], q: Any, v: Any, a: Any) -> list[list[list[Any]]]:
     """Return the derivatives of `link_torque` by q, q̇ and q̈, (2, 2) each."""
     cos2, sin2, cos12 = q[1].cos(), q[1].sin(), (q[0] + q[1]).cos()
     pull, k = c[4] * cos12, c[1] * sin2
@@ -701,7 +701,7 @@ class _Tube:
         own = [[along[name][j] for name in ("net", "needed", "v", "a", "slips")] for j in _BOTH]
         frictions = [_Friction(p, j, part["plans"][j], part["modes"][j], self._known[j], own[j]) for j in _BOTH]
         middle = [[row[0] for row in of[2:]] for of in motion.polynomials]
-        slopes = [np.vectorize(lambda x: float(x.mid()))(link_slopes(c, *middle)) for c in (p.c, *p.masses.values())]
+        slopes = [np.vectorize(lambda x: float(x.mid()))(_link_slopes(c, *middle)) for c in (p.c, *p.masses.values())]
         drives = self._drives(along, mass, frictions)
         linear_part = self._free(*self._linear(slopes, frictions), drives[0], drives[1], h)
         for room, floor in _ROOMS:
@@ -808,7 +808,7 @@ class _Tube:
         wide = [[along[of][i].ball(float(radii[n, i])) for i in _BOTH] for n, of in enumerate(("q", "dq", "ddq"))]
         w[_LINKS] += [x.size() for x in along["defect"]]
         for c, at in zip((p.c, *p.masses.values()), slopes, strict=True):
-            w[_LINKS] += np.einsum("kij,kj->i", _distance(link_slopes(c, *wide), at), radii) * _UP
+            w[_LINKS] += np.einsum("kij,kj->i", _distance(_link_slopes(c, *wide), at), radii) * _UP
         others = w[_LINKS] * _UP
         products = np.einsum("kij,kj->i", np.abs(slopes[1:]).sum(axis=0), radii) * _UP if p.masses else np.zeros(2)
         for _ in range(4):  # r_p ξ, bounded by the tube or as it is observed

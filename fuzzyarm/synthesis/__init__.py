@@ -18,7 +18,7 @@ from fuzzyarm.common.registry import lazily
 if TYPE_CHECKING:
     from fuzzyarm.synthesis._design_problem import DesignProblem
     from fuzzyarm.synthesis._designer import Design, DesignFailed, describe, design
-    from fuzzyarm.synthesis.scheduled_design import (
+    from fuzzyarm.synthesis._scheduled_design import (
         ScheduledDesign,
         ScheduledSpecification,
         describe_scheduled,
@@ -44,7 +44,7 @@ _HOMES = {
     for home, names in {
         "_design_problem": "DesignProblem",
         "_designer": "Design DesignFailed describe design",
-        "scheduled_design": "ScheduledDesign ScheduledSpecification describe_scheduled design_scheduled",
+        "_scheduled_design": "ScheduledDesign ScheduledSpecification describe_scheduled design_scheduled",
         "specification": "Specification",
     }.items()
     for name in names.split()

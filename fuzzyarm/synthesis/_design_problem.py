@@ -35,7 +35,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, consistent_feedforward
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.block_matrix import Assembly, symmetric, transposed
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 from fuzzyarm.synthesis._expressions import half, negative, positive

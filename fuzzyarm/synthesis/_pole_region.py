@@ -10,7 +10,7 @@ where
     Π_ijk = | I⊗F_ijk - (I⊗E_k) Q_ij + X_ijᵀ (S⊗I)ᵀ    -He((I⊗E_k) X_ij) + Σ Θ_l⊗H_lᵀH_l  ⋆    |
             | I⊗W_l P  or  -(I⊗W_l) Q_ij               0  or  -(I⊗W_l) X_ij               -Θ_l⊗I|
 
-For s = 1 this is the inequality of the decay rate in `proof.theorems` without its rows d and z. Multiplied by
+For s = 1 this is the inequality of the decay rate in `proof._theorems` without its rows d and z. Multiplied by
 [I, (S⊗I)(I⊗E)⁻¹, ...] from the left and its transpose from the right, X drops out and R⊗P + He(S⊗(E⁻¹F)) is left:
 the condition of Chilali and Gahinet (1996) for E⁻¹F P⁻¹.
 """

@@ -19,7 +19,7 @@ for _name in (
     "fuzzyarm.export.fmu",
     "fuzzyarm.export.onnx_file",
     "fuzzyarm.identification.result",
-    "fuzzyarm.cli.train",
+    "fuzzyarm.cli._commands.train",
     "fuzzyarm.rl_baselines.training",
     "fuzzyarm.synthesis",
     "minari",

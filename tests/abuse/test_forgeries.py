@@ -27,7 +27,7 @@ from fuzzyarm.fuzzy_policy.scheduled import load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.policies.tip_files import check_bound
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.certificate import Certificate, _inequality_name, certify
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.synthesis import DesignProblem, Specification, design

@@ -36,7 +36,7 @@ from fuzzyarm.eval.dataset.store import open_dataset
 from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.paper.report import EXPECTED, load_expected
+from fuzzyarm.eval.paper._report import EXPECTED, load_expected
 from fuzzyarm.eval.sweep.config import SHOWN
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.run import Sweep

@@ -17,7 +17,7 @@ from support.exported import COMPILERS, answers, assert_same_bits, bits, needs_c
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.cli.show import loaded
+from fuzzyarm.cli._commands.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export._c_text import LAW, Recorded, Unsupported, _helper_text, _literal_of, program_of

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.cli.evaluate import Options as EvaluateOptions
-from fuzzyarm.cli.evaluate import _config
+from fuzzyarm.cli._commands.evaluate import Options as EvaluateOptions
+from fuzzyarm.cli._commands.evaluate import _config
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters

@@ -15,7 +15,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof._residual import feedforward_residual
 from fuzzyarm.proof.definiteness import exact
-from fuzzyarm.proof.invariant_set import Bounds, _largest, invariant_set, is_invariant
+from fuzzyarm.proof.invariant_set import Bounds, _is_invariant, _largest, invariant_set
 
 CIRCLE, STEP = JointReference(), 5e-4
 # x_1' = -2 x_1 and x_2' = -2 x_2 + w with V = x_1² + x_2²/4, P = diag(1, 4): V' = -4V + x_2 w/2 <= -2V + w²/8, for
@@ -43,8 +43,8 @@ def test_two_states_by_hand():
     ],
 )
 def test_a_forged_set_is_refused(level, disturbance, changed):
-    assert is_invariant(4.0, 8.0, BY_HAND)
-    assert not is_invariant(level, disturbance, BY_HAND._replace(**changed))
+    assert _is_invariant(4.0, 8.0, BY_HAND)
+    assert not _is_invariant(level, disturbance, BY_HAND._replace(**changed))
 
 
 def test_no_set_is_found_where_the_reference_or_the_residual_takes_all_room():

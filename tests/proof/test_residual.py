@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, descriptor_terms
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, _descriptor_terms
 from fuzzyarm.proof import _residual as residual
 from fuzzyarm.proof._residual import Residual, feedforward_residual
 
@@ -29,7 +29,7 @@ def dense(model, reference, count):
     for k, (name, (low, high)) in enumerate(zip(("z1", "z2", "z3", "z4", "z5"), model.bounds, strict=True)):
         if name not in model.kept:
             side = "E" if k == 0 else "A"
-            slope = descriptor_terms(model.parameters)[side][1][k]
+            slope = _descriptor_terms(model.parameters)[side][1][k]
             total += np.abs(0.5 * (high - low) * signals[side] @ slope.T)[:, VELOCITY]
     return total.max(axis=0)
 

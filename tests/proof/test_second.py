@@ -136,7 +136,7 @@ def test_its_plant_is_the_environments():
         np.testing.assert_allclose(
             [float(t) for t in second.link_torque(plant.c, *parts)], torque(x), rtol=1e-12, atol=1e-10
         )
-        slopes = np.hstack(np.vectorize(float)(second.link_slopes(plant.c, *parts)))
+        slopes = np.hstack(np.vectorize(float)(second._link_slopes(plant.c, *parts)))
         differences = np.stack([(torque(x + h * e) - torque(x - h * e)) / (2 * h) for e in np.eye(6)], axis=1)
         np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-5)
         for joint, v in enumerate(rng.uniform(-0.5, 0.5, 2).tolist()):

@@ -14,7 +14,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 
 ARM = ArmParameters()

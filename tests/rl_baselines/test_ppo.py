@@ -10,7 +10,8 @@ import sys
 import pytest
 from support.command_line import without_progress
 
-from fuzzyarm.cli import main, train
+from fuzzyarm.cli import main
+from fuzzyarm.cli._commands import train
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action

@@ -18,7 +18,7 @@ from support.trainings import stopped
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.cli.train import train_with_progress
+from fuzzyarm.cli._commands.train import train_with_progress
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.rl_baselines import training as trainer

@@ -28,7 +28,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises, rule_products
+from fuzzyarm.fuzzy_policy.ts_model import _descriptor_terms, premises, rule_products
 
 GENERATIONS, POPULATION = 150, 16  # of the search; a second seed changes no result in the fourth digit
 LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s
@@ -78,7 +78,7 @@ class RigidLoop:
     def __init__(self, controller: Controller) -> None:
         self.controller, self.arm = controller, controller.model.parameters
         self.states = int(controller.gains.shape[-1])  # n_e of ē: 6 with the integral, 4 without
-        self._terms = descriptor_terms(self.arm)
+        self._terms = _descriptor_terms(self.arm)
         self._gains = controller.gains.reshape(-1, JOINTS * self.states)  # K̄_ik as rows, i slow and k fast
         self._root = np.linalg.inv(np.linalg.cholesky(controller.P)).T  # S with S Sᵀ = P⁻¹
 

@@ -5,7 +5,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis._design_problem import DesignProblem
 from fuzzyarm.synthesis.complexity import _Size as Size

@@ -8,7 +8,7 @@ from support.rigid_loop import RigidLoop
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design

@@ -10,7 +10,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.proof import theorems
+from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices

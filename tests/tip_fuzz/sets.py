@@ -12,7 +12,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies.tip_bound import PATHS, PERIOD, TipClaim, problem_of
+from fuzzyarm.policies.tip_bound import _PATHS, PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip.laps import StartBox
 from fuzzyarm.proof.tip.plant import BY_JOINT, PlantSet
 from fuzzyarm.proof.tip.tube import Problem
@@ -42,7 +42,7 @@ def drawn_claim(rng: np.random.Generator) -> TipClaim:
     case = str(rng.choice(["nominal", "machining", "payload"], p=[0.7, 0.2, 0.1]))
     steps = int(rng.choice([2, 3, 5, 8, 12, 20, 40], p=[0.2, 0.2, 0.2, 0.15, 0.15, 0.07, 0.03]))
     duration = round(float(np.exp(rng.uniform(np.log(0.8), np.log(3.0)))), 3)
-    path = str(rng.choice(PATHS))
+    path = str(rng.choice(_PATHS))
     return TipClaim(policy, case, "fuzzed", drawn_set(rng, case), path, duration, min(steps, int(duration / PERIOD)))
 
 
@@ -54,7 +54,7 @@ def drawn_light_claim(rng: np.random.Generator) -> TipClaim:
     ranges: dict[str, Any] = {str(name): (1.0 - h, 1.0 + h) for name, h in zip(names, halves, strict=True)}
     least = 0.0 if rng.uniform() < 0.6 else _size(rng, 1e-3, 0.1)
     plants = PlantSet(dry_friction=(least, least), **ranges)
-    return TipClaim(policy, "nominal", "fuzzed", plants, str(rng.choice(PATHS)), steps=int(rng.integers(2, 4)))
+    return TipClaim(policy, "nominal", "fuzzed", plants, str(rng.choice(_PATHS)), steps=int(rng.integers(2, 4)))
 
 
 def drawn_set(rng: np.random.Generator, case: str) -> PlantSet:

@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.reference import Reference
 
-__all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "check_reference", "distinct", "tabulated"]
+__all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "distinct", "tabulated"]
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 _CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
@@ -158,9 +158,9 @@ def _constant(value: Any) -> bool:
     """Return whether a value consists of numbers, words, tuples and frozen data classes alone."""
     if isinstance(value, tuple):
         return all(map(_constant, value))
-    if dataclasses.is_dataclass(value):
+    if frozen := getattr(value, "__dataclass_params__", None):
         parts = (getattr(value, field.name) for field in dataclasses.fields(value))
-        return value.__dataclass_params__.frozen and all(map(_constant, parts))  # type: ignore[attr-defined]
+        return frozen.frozen and all(map(_constant, parts))
     return value is None or isinstance(value, (bool, int, float, str))
 
 
@@ -168,7 +168,7 @@ def _constant(value: Any) -> bool:
 def _check_all(references: tuple[Reference, ...], arm: AnyArm) -> None:
     """Raise ValueError unless the arm can follow all these references."""
     for reference in {id(one): one for one in references}.values():
-        check_reference(reference, arm)
+        _check_reference(reference, arm)
 
 
 @functools.lru_cache(maxsize=2)
@@ -201,7 +201,7 @@ def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarra
     return list(kinds.values()), np.array([places[key] for key in keys], dtype=np.int32)
 
 
-def check_reference(reference: Reference, arm: AnyArm) -> None:
+def _check_reference(reference: Reference, arm: AnyArm) -> None:
     """Raise ValueError unless the arm can follow the reference, which was validated for its own arm."""
     bounds = bounds_of(arm)
     if reference.joints != len(bounds.low):

@@ -3,7 +3,7 @@
 The controllers are those of section 6.2 and two that explain why our numbers differ from the paper's.
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
 and the bound (24), with the smallest L that the inequalities allow, 0. "Consistent form" is the form of this project,
-see `proof.theorems`.
+see `proof._theorems`.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ from fuzzyarm.eval.stability._linearisation import (
     linearise_at,
 )
 
-__all__ = ["LinearModels", "StateSpace", "linear_models"]
+__all__ = ["linear_models"]
 
 _NAME = "linear"  # of the files
 _STEPS = (50, 3000)  # fewest and most samples of a step response
@@ -45,7 +45,7 @@ _SETTLED = 0.01  # share of a deviation that is left at the end of a step respon
 _FREQUENCIES = 1000  # of a Bode diagram, up to half the sampling rate
 
 
-class StateSpace(NamedTuple):
+class _StateSpace(NamedTuple):
     """x⁺ = A x + B u, y = C x + D u."""
 
     A: np.ndarray
@@ -70,15 +70,15 @@ class StateSpace(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearModels:
+class _LinearModels:
     """A policy's loop at one posture, with r joints."""
 
     posture: np.ndarray  # (r,) [rad]
     control_period: float  # [s]
     loop: LocalLoop
-    plant: StateSpace
-    open_loop: StateSpace
-    closed_loop: StateSpace
+    plant: _StateSpace
+    open_loop: _StateSpace
+    closed_loop: _StateSpace
 
     @property
     def radius(self) -> float:
@@ -89,11 +89,11 @@ class LinearModels:
         """Return the factors on the loop gain of all motors between which this loop is stable."""
         return gain_limits([self.loop], delay)
 
-    def one_motor(self, joint: int) -> StateSpace:
+    def one_motor(self, joint: int) -> _StateSpace:
         """Return the open loop of one motor, with the loops of the others closed."""
         A, B, C, D = self.open_loop
         others = np.arange(B.shape[1]) != joint
-        return StateSpace(A - B[:, others] @ C[others], B[:, [joint]], C[[joint]], D[[joint]][:, [joint]])
+        return _StateSpace(A - B[:, others] @ C[others], B[:, [joint]], C[[joint]], D[[joint]][:, [joint]])
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the content of the files, by name: ``plant_A``, ..., ``open_loop_A``, ..., ``control_period``."""
@@ -151,7 +151,7 @@ class LinearModels:
         return figure
 
 
-def linear_models(policy: Linearisable, arm: AnyArm, control_period: float, posture: Any = None) -> LinearModels:
+def linear_models(policy: Linearisable, arm: AnyArm, control_period: float, posture: Any = None) -> _LinearModels:
     """Return the linear models of a policy on its arm at a posture.
 
     Args:
@@ -180,15 +180,15 @@ def linear_models(policy: Linearisable, arm: AnyArm, control_period: float, post
     beside = np.vstack([np.hstack([A, np.zeros((n, memory))]), law[r:]])
     acts = np.vstack([B, np.zeros((memory, r))])
     moved = np.vstack([B @ by_reference[:r], by_reference[r:]])
-    return LinearModels(
+    return _LinearModels(
         posture=at,
         control_period=control_period,
         loop=loop,
-        plant=StateSpace(
+        plant=_StateSpace(
             A, B, np.vstack([np.eye(n)[places.motor], np.eye(n)[places.motor_velocity]]), np.zeros((2 * r, r))
         ),
-        open_loop=StateSpace(beside, acts, -law[:r], none),
-        closed_loop=StateSpace(
+        open_loop=_StateSpace(beside, acts, -law[:r], none),
+        closed_loop=_StateSpace(
             loop.matrix(),
             np.hstack([moved, acts]),
             np.vstack([unit[places.motor], unit[places.link]]),

@@ -31,8 +31,8 @@ from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.known_arm import without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, within
 from fuzzyarm.fuzzy_policy.laws import observer_gains
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, TargetConstants, past_of, target_of
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
+from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget, Past, TargetConstants, past_of, target_of
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import corners_of, on_table
 from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 

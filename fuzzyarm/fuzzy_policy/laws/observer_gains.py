@@ -38,8 +38,8 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
 from fuzzyarm.fuzzy_policy.laws._riccati import exponential, riccati
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
 from fuzzyarm.numbers.linear import product, solved
 
 __all__ = [

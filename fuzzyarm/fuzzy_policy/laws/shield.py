@@ -20,10 +20,10 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, held_at_limits, law_of, wi
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import maximum, minimum, select
 
-__all__ = ["ShieldedPolicy", "admitted"]
+__all__ = ["ShieldedPolicy"]
 
 
-def admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
+def _admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
     """Return u [N m] joint by joint for the torques u_f of the law, π of the guest and δ; see the module."""
     return tuple(
         select(wanted == wanted, maximum(minimum(wanted, own + most), own - most), own)
@@ -94,7 +94,7 @@ class ShieldedPolicy(LawPolicy):
                 return [u + v for u, v in zip(u_f, asked, strict=True)] if self.beside else asked
 
             def admit(asked: Any) -> Any:
-                return type(u_f)(*admitted(u_f, whole(asked), margin))
+                return type(u_f)(*_admitted(u_f, whole(asked), margin))
 
             told = {"admit": admit} if guest.told else {}
             after, asked = guest.act(behind, seen, of_guest, *tables[own:], **told)

@@ -22,8 +22,8 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of
+from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget, Past, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws._iterative_learning import TorqueLearning
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, past_of, target_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import zeros
 

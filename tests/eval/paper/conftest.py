@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from fuzzyarm.eval.paper._report import compare, load_expected
 from fuzzyarm.eval.paper.evidence import gather
-from fuzzyarm.eval.paper.report import compare, load_expected
 from fuzzyarm.policies import load_policy
 
 

@@ -7,11 +7,11 @@ import pytest
 from support.command_line import without_progress
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.paper import report as drift
+from fuzzyarm.eval.paper import _report as drift
 from fuzzyarm.eval.paper._claims import CLAIMS, Claim
-from fuzzyarm.eval.paper.report import _Comparison as Comparison
-from fuzzyarm.eval.paper.report import _Value as Value
-from fuzzyarm.eval.paper.report import load_expected
+from fuzzyarm.eval.paper._report import _Comparison as Comparison
+from fuzzyarm.eval.paper._report import _Value as Value
+from fuzzyarm.eval.paper._report import load_expected
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm.cli._application import command_line
-from fuzzyarm.cli.sweep import _given
+from fuzzyarm.cli._commands.sweep import _given
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named

@@ -15,10 +15,10 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
+from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import _GRID
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import _GRID
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     ObserverWeights,
     _sampled_arm,

@@ -13,7 +13,7 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
 from fuzzyarm.policies import load_policy
 
 ARM = ArmParameters()

@@ -21,8 +21,8 @@ from fuzzyarm.envs.scenario.kinematics import home_posture
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import NAMES
 

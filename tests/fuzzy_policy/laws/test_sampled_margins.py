@@ -9,6 +9,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability._linearisation import linearise_at
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import (
     _BANDWIDTH,
     ComputedTorquePolicy,
@@ -16,7 +17,6 @@ from fuzzyarm.fuzzy_policy.laws.computed_torque import (
     bandwidth_for,
 )
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     _CONDITIONS,
     ONE_AT_A_TIME,

@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.integrator import loaded_step
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import corners_of, on_table
 from fuzzyarm.fuzzy_policy.laws.learned.network import add_product, area_sine, hyperbolic_tangent
 from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 from fuzzyarm.proof.tip._affine import Affine, Space

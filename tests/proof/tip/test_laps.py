@@ -11,7 +11,7 @@ from support.forged_bounds import checked
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.policies.tip_bound import Lap, TipClaim, find_bound
+from fuzzyarm.policies.tip_bound import TipClaim, _Lap, find_bound
 from fuzzyarm.policies.tip_files import check_bound, save_bound
 from fuzzyarm.proof.tip import laps as module
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
@@ -151,13 +151,13 @@ def test_a_containment_that_is_false_is_refused(tmp_path):
     """A lap of 60 ms whose end is said to lie in a set that it leaves, or in one that its own lap would leave."""
     ring = [(0.35 + 2e-5 * np.sin(a), 0.85 - 2e-5 * (1.0 - np.cos(a))) for a in np.arange(8) * np.pi / 4]
     one = find_bound(TipClaim("fuzzy-4-tip", duration=0.06, points=GivenPath(tuple(ring), closed=True, duration=0.06)))
-    last = {field.name: getattr(one, field.name) for field in dataclasses.fields(Lap)}
+    last = {field.name: getattr(one, field.name) for field in dataclasses.fields(_Lap)}
     for size, why in (
         (1e-16, "is not in the set in which the next begins"),
         (1e-3, "no bound beyond lap 2, t = 0.000"),
     ):
         begin = LapSet(one.steps[-1].segments[-1].end, np.zeros(2), NONE, np.zeros((10, 0)), size * np.eye(10))
-        claim, later = dataclasses.replace(one.claim, laps="ever"), (Lap(**last | {"begin": begin}),)
+        claim, later = dataclasses.replace(one.claim, laps="ever"), (_Lap(**last | {"begin": begin}),)
         answer = checked(dataclasses.replace(one, claim=claim, later=later), tmp_path / "forged.json")
         assert not answer.proven and why in answer.reason
     assert checked(one, tmp_path / "true.json").proven

@@ -67,13 +67,13 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.adaptive import belief as believed
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "DIRECTED", "MISTRUST", "Room", "Settings", "begin", "command",
+    "MISTRUST", "Room", "Settings", "begin", "command",
     "correct", "fill", "numbers_at", "predict", "sent", "take_in", "update",
 ]  # fmt: skip
 
@@ -86,7 +86,7 @@ _SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 _DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 _SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
 _SHARE = 0.1  # of a sample, in the means of the corrections
-_NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+_NOISE, _DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 _CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
 _LATENESS_DOUBT = 0.01  # variance of the delay per surprise [control periods²]
 _LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
@@ -379,7 +379,7 @@ def _note_moves(m: Memory, s: Settings, before: Any) -> None:
     mean = _summed(forces, lambda i: m.moves[i] * m.moves[i])
     m.moves[forces] += _SHARE * (square - m.moves[forces])
     directed = mean / (m.moves[forces] + s.still)
-    calm = 1.0 - minimum(maximum((directed - _NOISE) / (DIRECTED - _NOISE), 0.0), 1.0)
+    calm = 1.0 - minimum(maximum((directed - _NOISE) / (_DIRECTED - _NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
     stirred = change * _STIRRING
     for _ in only(change < 0.0):

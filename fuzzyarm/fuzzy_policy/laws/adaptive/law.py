@@ -26,10 +26,10 @@ from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.laws._elastic_target import motor_target
+from fuzzyarm.fuzzy_policy.laws._gain_schedule import corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
-from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     SOFTENINGS,
     Condition,

@@ -30,7 +30,7 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.law import Law, constants_array, law_of, seen_by, within_limits
-from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of
+from fuzzyarm.fuzzy_policy.laws._elastic_target import Aim, ElasticTarget, past_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
 from fuzzyarm.fuzzy_policy.policy import Policy

@@ -19,12 +19,12 @@ from fuzzyarm.envs.physics.records import PerJoint, State, filled
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.known_arm import _constants_of as constants_of
+from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle

@@ -34,7 +34,7 @@ class Options:
 
     def run(self) -> int:
         """Write tables and figures; return 1 if a number has drifted."""
-        from fuzzyarm.eval.paper import report
+        from fuzzyarm.eval.paper import _report as report
         from fuzzyarm.eval.paper.evidence import gather
         from fuzzyarm.eval.paper.figures import write_figures
 

@@ -40,7 +40,7 @@ class Options:
 
     def run(self) -> int:
         """Write the files and say which."""
-        from fuzzyarm.cli.show import loaded
+        from fuzzyarm.cli._commands.show import loaded
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.export.c_files import export_c
         from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
