@@ -26,7 +26,8 @@ from fuzzyarm.proof.scheduled_certificate import (
     scheduled_statement,
 )
 from fuzzyarm.proof.verification import verify_file
-from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
+from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled
+from fuzzyarm.synthesis import _scheduled_design as scheduled_design
 from fuzzyarm.synthesis._inertia_metric import relative
 from fuzzyarm.synthesis._scalar_design import best_feedback
 
