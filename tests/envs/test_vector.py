@@ -374,6 +374,25 @@ def test_the_plant_shares_no_memory_with_what_it_returned_or_was_given():
 
 
 @pytest.mark.slow
+class Push:
+    """A force that its owner changes."""
+
+    newtons = 0.0
+
+    def at(self, time, tip_velocity):
+        return np.full((len(time), 2), self.newtons)
+
+
+def test_batches_share_tables_unless_something_in_them_can_change():
+    force = Push()
+    before, _ = played(batch(1, disturbance=Disturbance(tip_force=force)), np.zeros((1, 1, 2)), seed=0)[-1][::4]
+    force.newtons = 1e3
+    after, _ = played(batch(1, disturbance=Disturbance(tip_force=force)), np.zeros((1, 1, 2)), seed=0)[-1][::4]
+    assert not identical(before, after)
+    first, second, other = (batch(1, case=case).lanes.table for case in ("machining", "machining", "payload"))
+    assert first is second is not other and not first.flags.writeable
+
+
 def test_a_lane_needs_less_than_a_thousand_bytes():
     assert 400 < _memory_per_lane() < 1000  # 37 numbers of state and constants alone are 296
 
