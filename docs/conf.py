@@ -42,6 +42,7 @@ html_theme = "furo"
 html_title = "FuzzyArm"
 html_static_path = ["_static"]
 html_css_files = ["page.css"]
+html_js_files = ["access.js"]
 html_copy_source = False
 html_show_sphinx = False
 html_math_renderer = "svg"

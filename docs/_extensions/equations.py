@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from typing import Any
 
@@ -21,16 +22,19 @@ def setup(app: Sphinx) -> dict[str, Any]:
 def _inline(translator: Any, node: nodes.math) -> None:
     equation = ziamath.Latex(node.astext(), size=SIZE, inline=True, color="currentColor")
     style = f"vertical-align: {equation.getyofst():.2f}px"
-    translator.body.append(_labelled(equation.svg(), node.astext(), f'class="equation" style="{style}"'))
+    _append(translator, equation, node.astext(), f'class="equation" style="{style}"')
     raise nodes.SkipNode
 
 
 def _block(translator: Any, node: nodes.math_block) -> None:
     equation = ziamath.Latex(node.astext(), size=SIZE, inline=False, color="currentColor")
-    translator.body.append(f'<div class="math">{_labelled(equation.svg(), node.astext(), "")}</div>\n')
+    translator.body.append('<div class="math">')
+    _append(translator, equation, node.astext(), "")
+    translator.body.append("</div>\n")
     raise nodes.SkipNode
 
 
-def _labelled(svg: str, latex: str, attributes: str) -> str:
-    """Return the picture with its LaTeX as the text that a screen reader speaks."""
-    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(latex)}" {attributes} ', 1)
+def _append(translator: Any, equation: ziamath.Latex, latex: str, attributes: str) -> None:
+    """Append a picture with its LaTeX as the text that a screen reader speaks, and letters with names of their own."""
+    svg = re.sub(r'(\bid="|href="#)', rf"\g<1>e{len(translator.body)}-", equation.svg())
+    translator.body.append(svg.replace("<svg ", f'<svg role="img" aria-label="{escape(latex)}" {attributes} ', 1))
