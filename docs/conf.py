@@ -7,6 +7,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
+from nbclient import NotebookClient
+
 from fuzzyarm import __version__
 
 # Tutorials call the command `fuzzyarm` of the interpreter that builds the pages.
@@ -37,6 +39,8 @@ nb_execution_timeout = 300
 nb_execution_in_temp = True
 nb_execution_show_tb = True
 nb_merge_streams = True
+# A shell cell's output comes in pieces of 100 letters, which myst-nb would put on lines of their own.
+NotebookClient.coalesce_streams.default_value = True
 
 html_theme = "furo"
 html_title = "FuzzyArm"
