@@ -7,7 +7,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from nbclient import NotebookClient
+import nbclient.client
+from traitlets import Bool
 
 from fuzzyarm import __version__
 
@@ -24,6 +25,7 @@ extensions = [
     "api_pages",
     "equations",
     "results_tables",
+    "search_words",
 ]
 exclude_patterns = ["_build", "_extensions"]
 nitpicky = True
@@ -39,8 +41,15 @@ nb_execution_timeout = 300
 nb_execution_in_temp = True
 nb_execution_show_tb = True
 nb_merge_streams = True
-# A shell cell's output comes in pieces of 100 letters, which myst-nb would put on lines of their own.
-NotebookClient.coalesce_streams.default_value = True
+
+
+class _Client(nbclient.client.NotebookClient):
+    """Joins the pieces of 100 letters of a shell cell's output; myst-nb would put each on its own line."""
+
+    coalesce_streams = Bool(True)
+
+
+nbclient.client.NotebookClient = _Client
 
 html_theme = "furo"
 html_title = "FuzzyArm"

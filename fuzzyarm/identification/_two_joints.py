@@ -44,6 +44,7 @@ _STEPS, _MORE_STEPS, _ELASTIC_STEPS = 15, 3, 8
 _CLOSE, _ELASTIC_CLOSE = 1e-4, 1e-3  # decrease of the cost, as a share of it, at which a search ends
 _BETTER, _NOT_WORSE = 0.98, 1.01  # factor of the held-out error of both joints together, and of one, of a later stage
 _LIKELY, _LIKELY_ROTOR, _LIKELY_SPRING = 0.5, 2.0, 1.5  # standard deviations: shares of the start, logarithm
+_ROTOR = 0.1, 0.9  # shares of the inertia of rotor and link between which the rotor's is taken to be
 _FRICTION = 0.2  # share of a joint's torque that is a large change of friction
 _STIFF, _WIDEST = 60.0, 3.0  # Hz; factor between a told stiffness and the ends of its interval
 _LEAST, _FARTHEST = 1e-3, 2.0  # share of its scale that a number keeps; lengths of its link that a center may be off
@@ -70,7 +71,10 @@ class Stages:
     def keep(
         self, found: Found, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False
     ) -> None:
-        """Take a stage's result; static friction keeps the start's ratio to Coulomb friction unless it was found."""
+        """Take a stage's result.
+
+        Unless it was found, static friction keeps the start's ratio to Coulomb friction, and rotor 1 its inertia.
+        """
         theta = found.theta.copy()
         if is_sticking:
             for k, one in enumerate(UNKNOWNS):
@@ -79,6 +83,11 @@ class Stages:
         if not (is_elastic or is_sticking or any(name in _RISES for name in found.search.names)):
             for joint, ratio in enumerate(static_ratio(self.start)):
                 theta[_PLACES[f"static_friction[{joint}]"]] = ratio * theta[_PLACES[f"coulomb_friction[{joint}]"]]
+        if not is_elastic:  # a rotor from a data sheet, if the sum leaves room for it
+            link, rotor, known = _PLACES["inertia[0]"], _PLACES["motor_inertia[0]"], self.start.motor_inertia[0]
+            whole = theta[link] + theta[rotor]
+            if _ROTOR[0] * whole <= known <= _ROTOR[1] * whole:
+                theta[link], theta[rotor] = whole - known, known
         self.is_sticking = is_sticking or is_elastic
         self.found, self.untold, self.is_elastic, self.arm = found, untold, is_elastic, arm_of(theta, self.start)
 

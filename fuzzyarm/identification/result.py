@@ -24,12 +24,11 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.identification._links import RobotFit, estimated_robot
 from fuzzyarm.identification._rigid import UNKNOWNS, start_of
 from fuzzyarm.identification._simulation import ELASTIC, RIGID, simulated, windows_of
-from fuzzyarm.identification._two_joints import HORIZON, Stages, estimated, units_of
+from fuzzyarm.identification._two_joints import _ROTOR, HORIZON, Stages, estimated, units_of
 from fuzzyarm.identification.log import Log
 
 __all__ = ["Identified", "identify"]
 
-_ROTOR = 0.1, 0.9  # shares of the inertia of rotor and link between which the rotor's is taken to be
 _SPRING = 4.0  # factor by which a stiffness that is not told is taken to be off
 _DOUBTFUL = 0.7  # error as a share of the motion or the torque
 _MOST_DRAWN = 4  # logs in a figure

@@ -1,7 +1,9 @@
 """Each page of the documentation in Chromium: no console error, no request to a network, no overflow."""
 
+import importlib
 import json
 import os
+import re
 
 import pytest
 from support.browser import chromium, executable
@@ -34,11 +36,25 @@ def test_every_page_opens(site, tab):
         assert not [url for url in tab.requests if not url.startswith(("file:", "data:"))], name
 
 
-def test_search_works_without_a_server(site, tab):
-    tab.open(site / "search.html")
-    tab.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=certificate")
-    tab.wait_for("document.querySelectorAll('#search-results li').length > 0")
-    assert "certificate" in tab.run("document.querySelector('#search-results').innerText").lower()
+def test_what_a_reader_types_leads_to_its_page_first_without_a_server(site, tab, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs/_extensions")
+    for page, words in importlib.import_module("search_words").WORDS.items():
+        for word in words.split(", "):
+            tab.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={word.replace(' ', '+')}")
+            first = "document.querySelector('#search-results li a')"
+            tab.wait_for(f"location.search === '?q={word.replace(' ', '+')}' && {first} !== null")
+            assert tab.run(f"{first}.getAttribute('href')").startswith(f"{page}.html"), word
+
+
+def test_axe_finds_nothing(site, tab):
+    for page in sorted(site.rglob("*.html")):
+        tab.open(page, width=390)
+        assert tab.barriers() == [], page.relative_to(site)
+
+
+def test_commands_print_whole_lines(site):
+    page = (site / "tutorials/own-controller.html").read_text(encoding="utf-8")
+    assert re.search(r"nominal +machining force +5 kg payload", page)
 
 
 @pytest.mark.parametrize(("payload", "share", "case"), [(0, 1, "machining"), (5, 0, "payload"), (0, 0, "nominal")])

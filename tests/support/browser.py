@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import importlib
 import itertools
 import json
 import shutil
@@ -93,6 +94,13 @@ class Tab:
         if "exceptionDetails" in answer:
             raise RuntimeError(f"{expression}: {answer['exceptionDetails']['exception'].get('description')}")
         return answer["result"].get("value")
+
+    def barriers(self) -> list[str]:
+        """Return the rules of axe that the page breaks."""
+        axe = Path(importlib.import_module("axe_core_python").__file__ or "").with_name("axe.min.js")
+        self.run(f"{axe.read_text(encoding='utf-8')};0")
+        found: list[str] = self.run("axe.run().then(found => found.violations.map(rule => rule.id))")
+        return found
 
     def wait_for(self, condition: str) -> None:
         """Wait until a JavaScript expression is true."""

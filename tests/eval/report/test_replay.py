@@ -120,6 +120,12 @@ def test_keys(page):
         assert after("Home") == 0
 
 
+def test_axe_finds_nothing(chromium, many_folders):
+    for width in (1280, 390):
+        chromium.open(many_folders[12] / "report.html", width=width)
+        assert chromium.barriers() == []
+
+
 def test_nothing_can_be_fetched(chromium, folder):
     """The page's own policy refuses: the violation is reported by the browser."""
     chromium.open(folder / "report.html")
