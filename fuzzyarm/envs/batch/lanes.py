@@ -293,8 +293,8 @@ class Lanes:
             lane = int(np.argmax(wrong))
             begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
             raise ValueError(
-                f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: "
-                f"{begins} to {latest[lane]} of {begins} to {ends}"
+                f"state['clock'] places lane {lane} at row {row[lane]} of the schedule rows {first[lane]} to "
+                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}"
             )
         if not np.array_equal(arrays["drawn"], drawn):
             raise ValueError("state['drawn'] differs from what the keys of its episodes draw")

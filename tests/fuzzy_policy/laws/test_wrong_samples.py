@@ -36,7 +36,7 @@ def refused(policy, state):
             bad[1, entry] = number
             part = f"{Observation._fields[entry // 2]} of joint {entry % 2 + 1}"
             said = re.escape(
-                f"observation[1, {entry}] = {number}, {part}, is not finite; hold the last torques and keep"
+                f"observation[1, {entry}] = {number} ({part}) is not finite; apply the last torques again and keep"
             )
             with pytest.raises(ValueError, match=f"^{said} the state$"):
                 policy.predict(bad, state)
