@@ -83,5 +83,5 @@ def test_what_is_no_state_is_refused_by_name():
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
             use(state)
         assert "\n" not in str(caught.value)
-    with pytest.raises(ValueError, match=r"^observation\[3\] = nan, dq_motor of joint 2, is not finite"):
+    with pytest.raises(ValueError, match=r"^observation\[3\] = nan \(dq_motor of joint 2\) is not finite"):
         ADAPTIVE.predict(np.where(np.arange(10) == 3, np.nan, SEEN[0, 0]))
