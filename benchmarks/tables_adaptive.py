@@ -74,8 +74,9 @@ def _beyond(row: dict[str, Any], bound: float) -> str:
 def _of_plants(document: dict[str, Any], *sweeps: dict[str, Any]) -> str:
     far, commands = document["lost_mm"], ", ".join(f"`{sweep['command']}`" for sweep in sweeps)
     return (
-        f"Largest tip error of each plant; {commands}; the others have seed {document['seed']}. Beyond: the episode "
-        f"ended early or the tip was once that far off; lower rows show what is beyond {far:g} mm as {far:g}. "
+        f"Largest tip error of each plant; {commands}; the other rows have seed {document['seed']}. *Beyond*: the "
+        "episode ended early, or the tip error exceeded that value at some instant; the lower rows are cut off at "
+        f"{far:g} mm. "
         f"`{document['command']}`"
     )
 

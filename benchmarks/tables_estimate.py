@@ -68,8 +68,9 @@ def _share(better: dict[str, Any] | None) -> str:
 
 
 def _shipped(document: dict[str, Any]) -> str:
-    stable = ", ".join(map(str, document["stable_in_every_condition"])) or "none"
-    return f"Shipped: seed {document['median']}. Stable in every condition: {stable} of the five."
+    stable = document["stable_in_every_condition"]
+    seeds = "all five seeds" if len(stable) == 5 else ", ".join(f"seed {seed}" for seed in stable) or "no seed"
+    return f"Seed {document['median']} is shipped. Stable in every condition: {seeds}."
 
 
 def _swept(*sweeps: dict[str, Any]) -> list[dict[str, Any]]:

@@ -59,7 +59,7 @@ def at_least(value: SupportsFloat, digits: int) -> str:
 def _rounded(value: SupportsFloat, digits: int, rounding: str) -> str:
     exact = Decimal(repr(float(value)))
     if not exact.is_finite():
-        raise ValueError(f"{value} is not finite: there is no bound to state")
+        raise ValueError(f"cannot state a bound: {value} is not a finite number")
     if not exact:
         return "0"
     rounded = exact.quantize(Decimal((0, (1,), exact.adjusted() - digits + 1)), rounding=rounding).normalize()

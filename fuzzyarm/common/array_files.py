@@ -89,7 +89,7 @@ def _check_directory(file: BinaryIO, size: int) -> None:
         if wide[0] == b"PK\x06\x06":
             length = max(length, wide[8])
     if length > _LARGEST_DIRECTORY:
-        raise ValueError(f"its list of members takes {length} bytes; allowed: {_LARGEST_DIRECTORY}")
+        raise ValueError(f"its zip directory has {length} bytes; allowed: at most {_LARGEST_DIRECTORY}")
 
 
 def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
@@ -136,6 +136,6 @@ def _check_values(name: str, array: np.ndarray) -> None:
     if array.dtype.kind == "U":
         points = np.frombuffer(array.astype(array.dtype.newbyteorder("<")).tobytes(), dtype="<u4")
         if np.any((points > 0x10FFFF) | ((points >= 0xD800) & (points <= 0xDFFF))):
-            raise ValueError(f"{name[:40]!r} holds a string that is not Unicode")
+            raise ValueError(f"{name[:40]!r} contains text that is not valid Unicode")
     if array.dtype.kind == "b" and np.any(np.frombuffer(array.tobytes(), dtype=np.uint8) > 1):
-        raise ValueError(f"{name[:40]!r} holds a boolean that is neither true nor false")
+        raise ValueError(f"{name[:40]!r} contains a boolean that is neither true nor false")

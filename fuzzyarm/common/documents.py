@@ -161,7 +161,7 @@ def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str,
         OSError: the file cannot be read.
     """
     if not path.is_file():
-        raise ValueError(f"{path} is not there; {again}")
+        raise ValueError(f"{path} does not exist; {again}")
     try:
         document = check_schema(read_json(path), schema)
     except DocumentError as error:

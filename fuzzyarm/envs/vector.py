@@ -177,7 +177,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if threads is not None:
             checks.whole("threads", threads, low=1, high=_MOST_THREADS)
         if render_mode is not None:
-            raise ValueError(f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gymnasium.make")
+            raise ValueError(
+                f"render_mode = {checks.shown(render_mode)}: a vector environment cannot render; use gymnasium.make "
+                "for a single environment"
+            )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=_MOST_LANES)
         plants = arguments.arms_of(robot, parameters, self.num_envs)
         drawn = self._randomisation = find_randomisation(randomisation, plants[0])
@@ -299,7 +302,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
             raise ValueError(
-                "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"
+                "some lanes of this state wait for a reset; make the environment with the autoreset_mode of the state"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
         self.lanes.set_state(state, over)

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from fuzzyarm.common.checks import listed
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.policies import Kind, recorded, resolve
@@ -40,7 +41,7 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
     if set(written) != set(labels):
-        raise ValueError("declared does not match the policies that were run")
+        raise ValueError(f"declared is about {listed(written)}; the policies that were run are {listed(labels)}")
     return {label: None if written[label] is None else stated(written[label]) for label in labels}
 
 

@@ -58,10 +58,10 @@ class Engine:
         if self.jobs is not None:
             whole("jobs", self.jobs, low=1)
         if self.address is not None and self.backend != "ray":
-            raise ValueError(f"address {self.address!r} belongs to a Ray cluster: use it with --backend ray")
+            raise ValueError(f"address {self.address!r} is for Ray clusters only: add --backend ray")
         if self.address is not None and self.address.startswith("ray://"):
             raise ValueError(
-                f"address {self.address!r}: a Ray client cannot do this; run on one of the cluster's machines, "
+                f"address {self.address!r}: Ray clients are not supported; run on one of the cluster's machines, "
                 "with --address auto or HOST:PORT"
             )
 
@@ -108,8 +108,8 @@ class Engine:
                     losses += 1
                     left = f"{len(missing)} chunks"
                     if losses == _TRIES:
-                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left} are left") from None
-                    report(f"a worker died; {left} that are not done yet are run again")
+                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left} are not done") from None
+                    report(f"a worker died; the {left} that are not done run again")
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:

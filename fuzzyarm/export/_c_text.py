@@ -128,7 +128,7 @@ class Recorded(_Program):
         try:
             super().__init__({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in contents])
         except TypeError as error:
-            raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
+            raise Unsupported(f"{source} uses the value of a number that is known only at run time: {error}") from error
 
     @functools.cached_property
     def large(self) -> dict[str, int]:
@@ -462,7 +462,7 @@ class _Writer:
     def _loop(self, loop: Loop, indent: str) -> list[str]:
         """Return a loop whose carried numbers are variables, assigned once all their next values are computed."""
         if isinstance(loop.count, Symbol):
-            raise Unsupported(f"{self._of.source} repeats something as often as a number says that is not known")
+            raise Unsupported(f"{self._of.source} has a loop whose number of rounds is known only at run time")
         parts = zip(loop.start, loop.inside, loop.end, loop.after, strict=True)
         carried = [part for part in parts if part[1] in self._uses.regions]
         lines, within = list[str](), indent + _INDENT

@@ -151,7 +151,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     inside = policy.guest if isinstance(policy, ShieldedPolicy) else policy
     if number == "float" and isinstance(inside, AdaptiveObserverPolicy | LearnedObserverPolicy):
         raise Unsupported(
-            f"{label} needs double: in float its covariance loses its digits, and the tip errs by centimetres; "
+            f"{label} needs double: in float its covariance loses precision, and the tip error reaches centimetres; "
             'choose number "double"'
         )
     name = c_name(instance("label", label, str))

@@ -160,7 +160,7 @@ class _Graph:
         """Return the name of the output of an operator, which is written once for the same inputs."""
         if len(self._nodes) >= _MOST:
             raise Unsupported(
-                f"it takes more than {_MOST:,} operations with its loops unrolled; as C it can be written"
+                f"it takes more than {_MOST:,} operations with its loops unrolled; export it as C instead"
             )
         return self._nodes.setdefault((operator, inputs, tuple(attributes.items())), f"n{len(self._nodes)}")
 

@@ -218,7 +218,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
         place = f"observation[{entry}]" if seen.ndim == 1 else f"observation[{lane}, {entry}]"
         part = f"{Observation._fields[entry // joints]} of joint {entry % joints + 1}"
         raise ValueError(
-            f"{place} = {batch[lane, entry]}, {part}, is not finite; hold the last torques and keep the state"
+            f"{place} = {batch[lane, entry]} ({part}) is not finite; apply the last torques again and keep the state"
         )
     return batch
 

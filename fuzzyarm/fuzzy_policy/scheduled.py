@@ -107,8 +107,8 @@ class ScheduledController(SignedController):
         joints = [instance("premises", premise, Premise).joint for premise in self.premises]
         if len(joints) > MOST_PREMISES or len(set(joints)) < len(joints) or any(j >= self.split for j in joints):
             raise ValueError(
-                f"premises of the joints {[joint + 1 for joint in joints]}; allowed: at most {MOST_PREMISES}, of "
-                f"different joints from 2 to the split, {self.split}"
+                f"premises belong to the joints {[joint + 1 for joint in joints]}; allowed: at most {MOST_PREMISES} "
+                f"premises, each of a different joint from 2 to split = {self.split}"
             )
         alpha = real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
         values: dict[str, Any] = {

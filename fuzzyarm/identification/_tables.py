@@ -64,7 +64,7 @@ def read_table(path: Path, topic: str | None = None) -> Table:
     if path.suffix in _BAG or (path.is_dir() and (path / "metadata.yaml").is_file()):
         return _bag(path, topic)
     if path.is_dir():
-        raise ValueError("it is a folder without metadata.yaml, so no ROS 2 bag; name the file of the log")
+        raise ValueError("it is a folder without metadata.yaml, so it is not a ROS 2 bag; give the file of the log")
     content = read_bytes(path, largest=_LARGEST_FILE)
     if content[:4] == b"PK\x03\x04" or content[:6] == b"\x93NUMPY":
         return _of_arrays(read_arrays(path, largest=8 * _MOST_NUMBERS))
@@ -137,9 +137,9 @@ def _text(content: bytes) -> Table:
     """Return the table in a delimited text."""
     text, remarks = _decoded(content)
     if not text.strip("\x00 \t\r\n"):
-        raise ValueError("it is empty; needed: a heading such as time,q1,q2,tau1,tau2 and a line for each instant")
+        raise ValueError("it is empty; needed: a heading such as time,q1,q2,tau1,tau2 and one line for each instant")
     if "\x00" in text[:4096]:
-        raise ValueError(f"it is no text; logs are read from {_FORMATS}")
+        raise ValueError(f"it is not text; logs are read from {_FORMATS}")
     lines = [line for line in text.splitlines() if line.strip()]
     middle = max(len(lines) // 2 - _PROBED // 2, min(1, len(lines) - 1))
     probed = lines[middle : middle + _PROBED]
@@ -148,7 +148,7 @@ def _text(content: bytes) -> Table:
     if scores[best][0] < _FEWEST_COLUMNS:
         raise ValueError(
             f"neither comma, semicolon, tab nor space divides its lines into {_FEWEST_COLUMNS} or more columns of "
-            "numbers; write a line for each instant, with one delimiter throughout, not as in "
+            "numbers; write one line for each instant, with one delimiter throughout, not as in "
             f"{shown(lines[len(lines) // 2])}"
         )
     style = dataclasses.replace(_STYLES[best], width=scores[best][1])
@@ -159,11 +159,13 @@ def _text(content: bytes) -> Table:
     names, units = _heading(lines[:first], style)
     kept = [row for row in rows[first:] if row]
     if len(kept) * style.width > _MOST_NUMBERS:
-        raise ValueError(f"it has {len(kept) * style.width} numbers; allowed: {_MOST_NUMBERS}. Leave out columns")
+        raise ValueError(
+            f"it has {len(kept) * style.width} numbers; allowed: at most {_MOST_NUMBERS}. Leave out columns"
+        )
     if not kept:
         raise ValueError(f"none of its {len(lines)} lines is a row of numbers; line 1: {shown(lines[0])}")
     if len(kept) < len(rows) - first:
-        remarks.append(f"{len(rows) - first - len(kept)} line(s) are no numbers or cut off: left out")
+        remarks.append(f"{len(rows) - first - len(kept)} line(s) are cut off or have no numbers: left out")
     numbered = [str(k + 1) for k in range(style.width)]
     return Table(names or numbered, units, np.array(kept, dtype=float), remarks, headed=bool(names))
 
@@ -178,7 +180,7 @@ def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]
         worded = [line.strip() for line in lines if line.strip()[0] not in "#%" and re.search(r"[^\W\d]", line)]
         if worded:
             width = len(style.cells(worded[-1]))
-            comma = "; numbers with a decimal comma need another delimiter than the comma"
+            comma = "; numbers with a decimal comma need a delimiter other than the comma"
             text = f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
             raise ValueError(text + comma * (style.width >= 2 * width - 1))
         return [], {}
@@ -214,7 +216,7 @@ def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
             columns |= {f"{name} {k + 1}".strip(): across[:, k] for k in range(across.shape[1])}
     if len(columns) < _FEWEST_COLUMNS:
         found = f"its arrays ({listing(arrays)}) give {len(columns)} column(s) of numbers"
-        raise ValueError(f"{found}; needed: time, angles and torques, arrays of one length")
+        raise ValueError(f"{found}; needed: time, angles and torques in arrays of equal length")
     headed = any(name and not name.isdigit() for name in columns)
     return Table(list(columns), {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
 
@@ -230,7 +232,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
         plain = [one for one in listed if one[2] in ("double", "single", "logical") or "int" in one[2]]
         numbers = sum(int(np.prod([float(n) for n in shape])) for _, shape, _ in plain)
         if numbers > _MOST_NUMBERS:
-            raise ValueError(f"it has {numbers} numbers; allowed: {_MOST_NUMBERS}")
+            raise ValueError(f"it has {numbers} numbers; allowed: at most {_MOST_NUMBERS}. Leave out variables")
         found = loadmat(io.BytesIO(content), variable_names=[one[0] for one in plain]) if plain else {}  # type: ignore[arg-type]
     except Exception as error:  # scipy's reader lets through whatever a damaged file brings about
         raise ValueError(f"it is not a MATLAB file, or it is damaged ({' '.join(str(error).split())[:120]})") from None
@@ -275,7 +277,9 @@ def _bag(path: Path, topic: str | None) -> Table:
         raise ValueError(f"it is not a ROS 2 bag, or it is damaged ({' '.join(str(error).split())[:120]})") from None
     if not states:
         where = f" on {topic}" if topic else ""
-        raise ValueError(f"it has no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}")
+        raise ValueError(
+            f"it contains no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}"
+        )
     if len(states) > _MOST_STATES:
         raise ValueError(f"{chosen} has more than {_MOST_STATES} messages; split the bag")
     others = [one for one in counts if one != chosen]

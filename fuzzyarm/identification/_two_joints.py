@@ -122,7 +122,8 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
     windows = [one for one in windows if len(one)]
     if not windows:
         raise ValueError(
-            "too little excitation: no joint moves by more than 0.02 rad within 0.4 s; record the motion of --suggest"
+            "too little excitation: no joint moves by more than 0.02 rad within 0.4 s; record the motion that "
+            "--suggest writes"
         )
     motions, noise = [log.smoothed() for log in logs], _noise_of(logs)
     rough = rigid_arm(fit_rigid(motions, start), start)

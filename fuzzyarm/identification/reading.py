@@ -88,7 +88,9 @@ def read_log(
     checks.texts("columns", [*columns, *columns.values()])
     for role in columns:
         if not _ROLE.fullmatch(role):
-            raise ValueError(f"columns has {shown(role)}; allowed: time, q1, dq1, tau1, q2, ... and topic")
+            raise ValueError(
+                f"columns has the unknown role {shown(role)}; allowed: time, q1, dq1, tau1, q2, ... and topic"
+            )
     for kind in units:
         checks.choice("a key of units", kind, tuple(_UNITS))
     try:
@@ -125,7 +127,8 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
         several = guessed[key] if role != "time" else guessed[key][:1]
         if len(several) > 1:
             raise ValueError(
-                f"columns {listing(table.names[k] for k in several)} may each be {role}; choose: --columns {role}=NAME"
+                f"columns {listing(table.names[k] for k in several)} could each be {role}; choose one with --columns "
+                f"{role}=NAME"
             )
         roles[role] = several[0]
     joints = 0
@@ -136,15 +139,15 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
     if missing:
         example = ",".join(f"{role}=NAME" for role in missing[:5])
         where = f"among {listing(table.names)}" if table.headed else f"in {len(table.names)} columns without a heading"
-        text = f"no column is known to be {', '.join(missing)} {where}"
-        raise ValueError(f"{text}; name them, or their numbers: --columns {example}")
+        text = f"no column is recognised as {', '.join(missing)} {where}"
+        raise ValueError(f"{text}; give their names or numbers with --columns {example}")
     speeds = [f"dq{j + 1}" for j in range(joints)]
     kept = needed + (speeds if all(role in roles for role in speeds) else [])
     found = {role: roles[role] for role in kept}
     twice = [role for role, k in found.items() if list(found.values()).count(k) > 1]
     if twice:
         name = shown(table.names[found[twice[0]]])
-        raise ValueError(f"{' and '.join(twice[:2])} are the same column {name}; give each its own")
+        raise ValueError(f"{' and '.join(twice[:2])} refer to the same column {name}; give each its own column")
     return found
 
 
@@ -153,7 +156,7 @@ def _column(table: Table, role: str, name: str) -> int:
         return table.names.index(name)
     if name.isdecimal() and 1 <= int(name) <= len(table.names):
         return int(name) - 1
-    reason = "is there more than once; give its number" if name in table.names else "is not there"
+    reason = "occurs more than once; give its number" if name in table.names else "does not exist"
     raise ValueError(f"column {shown(name)} for {role} {reason}; columns: {listing(table.names)}")
 
 
@@ -187,7 +190,7 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
     text = given[kind] if kind in given else stated.pop() if len(stated) == 1 else ""
     known = _UNITS[kind]
     if stated and kind not in given:
-        raise ValueError(f"the columns {listing(names)} have several units; convert them to one")
+        raise ValueError(f"the columns {listing(names)} have different units; convert them to one unit")
     if isinstance(text, str) and not text:
         return None
     if isinstance(text, str):
@@ -198,8 +201,8 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
     short = unit_of(text)
     if short not in known:
         raise ValueError(
-            f"the unit {shown(text)} of {kind} is unknown; give one, or its size in SI units: --units {kind}=..., "
-            f"known are {', '.join(known)}"
+            f"unknown unit {shown(text)} for {kind}; use --units {kind}=UNIT, with one of {', '.join(known)}, or "
+            "with the size of the unit in SI units"
         )
     if kind not in given and known[short] != 1.0:
         table.remarks.append(f"{kind} is in {text} by the heading")
@@ -214,7 +217,7 @@ def _pieces(
     whole = np.isfinite(values).all(axis=1)
     for place in roles.values():
         if not np.isfinite(table.values[:, place]).any():
-            raise ValueError(f"column {shown(table.names[place])} holds no numbers; choose another with --columns")
+            raise ValueError(f"column {shown(table.names[place])} contains no numbers; choose another with --columns")
     if not whole.all():
         remarks.append(f"{np.count_nonzero(~whole)} row(s) lack a number: left out")
     joints = sum(role.startswith("tau") for role in roles)
@@ -241,15 +244,15 @@ def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.n
     """Return times [s] since the first stamp; a unit that is not stated is guessed from the median step."""
     steps = np.diff(stamps)
     if not (steps > 0.0).any():
-        raise ValueError("the stamps in its column of time never increase; choose another with --columns time=NAME")
+        raise ValueError("its time column never increases; choose another with --columns time=NAME")
     step = float(np.median(steps[steps > 0.0]))
     if unit is None:
         sizes = {name: size for name, size in _UNITS["time"].items() if size <= 1.0}
         fitting = [name for name, size in sizes.items() if _FASTEST <= step * size <= _SLOWEST]
         if not fitting:
             raise ValueError(
-                f"the median step in time is {step:.4g}, which fits no unit: {_SLOWEST:g} s at most; state it with "
-                "--units time=ms, or name another column with --columns time=NAME"
+                f"the median time step {step:.4g} fits no unit of time (allowed: at most {_SLOWEST:g} s); state the "
+                "unit, as in --units time=ms, or name another column with --columns time=NAME"
             )
         unit = sizes[fitting[0]]
         if unit != 1.0:
@@ -273,8 +276,8 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
     if not long:
         largest = max(len(stamps) for stamps, _ in pieces)
         raise ValueError(
-            f"it has {largest} samples without a gap in time (of more than {1e3 * longest:.3g} ms); needed: "
-            f"{FEWEST_SAMPLES} or more"
+            f"its longest part without a gap in time of more than {1e3 * longest:.3g} ms has {largest} samples; "
+            f"needed: at least {FEWEST_SAMPLES}"
         )
     if len(pieces) > 1:
         short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)

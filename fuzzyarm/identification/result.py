@@ -149,7 +149,9 @@ def identify(
     joints = 2 if isinstance(start, ArmParameters) else len(start)
     for log in given:
         if log.angle.shape[1] != joints:
-            raise ValueError(f"{log.name} has {log.angle.shape[1]} joints, the start {joints}; give logs of one arm")
+            raise ValueError(
+                f"{log.name} has {log.angle.shape[1]} joints, but the start has {joints}; give logs of one arm"
+            )
     step = advance or (lambda: None)
     if isinstance(start, Robot):
         return _of_robot(given, start, estimated_robot(given, start, step))

@@ -145,10 +145,16 @@ class Kernel:
     def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
-            raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
+            raise ValueError(
+                f"{len(arrays)} arrays and {len(tables)} tables were given; needed: {len(program.ports)} arrays and "
+                f"{len(program.tables)} tables"
+            )
         good = constants.dtype == _DOUBLE and constants.flags.c_contiguous
         if not good or constants.shape != (len(program.constants),):
-            raise ValueError(f"needed: {len(program.constants)} constants of type float64, side by side")
+            raise ValueError(
+                f"constants have shape {constants.shape} and type {constants.dtype}; needed: a contiguous float64 "
+                f"array of shape ({len(program.constants)},)"
+            )
         first = arrays[self._counted]
         arms = (first.shape or (0,))[0 if self.layouts[self._counted] is Layout.ROWS else -1]
         for port, (array, numbers, layout) in enumerate(zip(arrays, program.ports, self.layouts, strict=True)):
@@ -162,8 +168,8 @@ class Kernel:
                 good = good and shape == (-(-arms // WIDE), numbers, WIDE) and array.flags.c_contiguous
             if not good or apart % _SIZE:
                 raise ValueError(
-                    f"array {port} of {arms} arms has shape {shape}, type {array.dtype} and strides {array.strides}; "
-                    f"needed: {numbers} numbers of an arm in {layout.name.lower()}, float64"
+                    f"array {port} (for {arms} arms) has shape {shape}, type {array.dtype} and strides "
+                    f"{array.strides}; needed: {numbers} float64 values per arm, stored in {layout.name.lower()}"
                 )
         for table, (array, shape) in enumerate(zip(tables, program.tables, strict=True)):
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))

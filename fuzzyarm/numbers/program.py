@@ -127,7 +127,7 @@ class Program:
     def _reachable(self, operands: Iterable[Any]) -> None:
         for one in operands:
             if isinstance(one, Symbol) and not self.now.within(one.region):
-                raise TypeError("a number of a loop or a branch is used after it; keep it in an array")
+                raise TypeError("a number computed inside a loop or a branch is used outside it; store it in an array")
 
     def operation(self, operation: str, *operands: Any, kind: str = "real", detail: Any = None) -> Symbol:
         """Return the symbol of an operation; record the operation unless its result is already available."""

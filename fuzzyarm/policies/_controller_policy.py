@@ -30,7 +30,7 @@ def controller_policy(
     """
     name, controller = (str(given), load_controller(given)) if isinstance(given, Path) else ("the controller", given)
     if not isinstance(controller, Controller | ScheduledController):
-        raise TypeError(f"a policy is a name, a path or a controller; {type(controller).__name__} was given")
+        raise TypeError(f"a policy must be a name, a path or a controller, not {type(controller).__name__}")
     designed = controller.model.parameters if isinstance(controller, Controller) else controller.robot
     _check_arm(name, designed, designed if robot is None else chosen_arm(robot, None))
     if isinstance(controller, Controller):
@@ -47,7 +47,7 @@ def controller_policy(
     if failed:
         raise ControllerFileError(
             f"{name} is not proven ({len(failed)} inequalities fail, first: {failed[0]}): it was changed after "
-            "its design, or never held; load_policy(..., allow_unproven=True) takes it all the same"
+            "its design, or was never valid; load_policy(..., allow_unproven=True) loads it without a proof"
         )
     return policy
 
@@ -58,18 +58,18 @@ def _check_arm(name: str, designed: AnyArm, arm: AnyArm) -> None:
         if own.digest != given.digest:
             raise ControllerFileError(
                 f"{name} was designed for the robot {shown(own.name)} ({own.digest[:12]}), not for {shown(given.name)} "
-                f"({given.digest[:12]}): give the one that it was designed for (robot=, --robot), or design one for "
-                "the other with fuzzyarm design --robot"
+                f"({given.digest[:12]}): give the robot that it was designed for (robot=, --robot), or design a "
+                "controller for this robot with fuzzyarm design --robot"
             )
     elif not isinstance(arm, ArmParameters):
         raise ControllerFileError(
-            f"{name} was designed for the two-joint arm, not for {arm.name}: take computed-torque or "
-            "elastic-observer, or design one with fuzzyarm design --robot"
+            f"{name} was designed for the two-joint arm, not for {arm.name}: use computed-torque or "
+            "elastic-observer, or design a controller with fuzzyarm design --robot"
         )
     elif designed != arm:
         values = designed.to_dict()
         differing = [key for key, value in arm.to_dict().items() if values[key] != value]
         raise ControllerFileError(
-            f"{name} was designed for another robot ({', '.join(differing)} differ): pass robot=, or design it again "
-            "with fuzzyarm design --robot FILE"
+            f"{name} was designed for another robot ({', '.join(differing)} differ): give that robot (robot=, "
+            "--robot), or design a controller for this one with fuzzyarm design --robot FILE"
         )

@@ -54,14 +54,14 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
         arm = bundle.arm or ArmParameters()
         known = "the arm of Table 1" if arm == ArmParameters() else "another arm"
         trained = known if isinstance(arm, ArmParameters) else escaped(arm.name)
-        raise ValueError(f"{label} was trained on {trained} and works on no other; use {instead} --robot NAME|FILE")
+        raise ValueError(f"{label} was trained on {trained} and works only on it; use {instead} --robot NAME|FILE")
     if not isinstance(bundle, PolicyBundle):
         from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 
         if control_period != bundle.control_period:
             raise ValueError(
-                f"{label} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: take "
-                "that period, or elastic-observer"
+                f"{label} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s; use "
+                f"{bundle.control_period:g} s, or the policy elastic-observer"
             )
         return LearnedObserverPolicy(bundle.network, robot, control_period)
     base = bundle.action.base

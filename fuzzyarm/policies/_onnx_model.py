@@ -31,8 +31,8 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
         return 0
     if rest or past < 1:
         raise ValueError(
-            f"{path}: it takes {inputs} numbers; FuzzyArmLearn-v0 has {5 * joints}, or with history=k "
-            f"{6 * joints} + {2 * joints} k"
+            f"{path}: its input has {inputs} numbers; an observation of FuzzyArmLearn-v0 has {5 * joints}, or, with "
+            f"history=k, {6 * joints} + {2 * joints} k"
         )
     return past
 
@@ -52,7 +52,8 @@ class OnnxPolicy(Policy):
             import onnxruntime
         except ImportError:
             raise ValueError(
-                'onnx: models need onnxruntime: pip install -c constraints.txt -e ".[onnx]" in the repository'
+                "onnxruntime is not installed; for onnx: models, run in the repository: "
+                'pip install -c constraints.txt -e ".[onnx]"'
             ) from None
         try:
             content = read_bytes(path, largest=_LARGEST)
@@ -61,11 +62,13 @@ class OnnxPolicy(Policy):
             raise
         except Exception as error:  # onnxruntime has no common class of its errors
             reason = re.sub(r"\s+", " ", str(error))[:200]
-            raise ValueError(f"{path} is not an ONNX model that onnxruntime runs: {reason}") from None
+            raise ValueError(f"{path} is not an ONNX model that onnxruntime can run: {reason}") from None
         given, *others = self._session.get_inputs()
         if others or given.type != "tensor(float)" or len(given.shape) != 2 or not isinstance(given.shape[1], int):
             found = ", ".join(f"{one.name} {one.type} {one.shape}" for one in (given, *others))
-            raise ValueError(f"{path}: its inputs are {found}; needed: one, tensor(float) of shape (lanes, size)")
+            raise ValueError(
+                f"{path}: its inputs are {found}; needed: one input of type tensor(float) and shape (lanes, size)"
+            )
         self._input, joints = given.name, joints_of(robot)
         definition, action = (
             learning_features(joints, past_seen(path, given.shape[1], joints)),
@@ -98,4 +101,4 @@ class OnnxPolicy(Policy):
         return np.asarray(self._session.run(None, {self._input: features})[0])
 
     def __reduce__(self) -> Any:
-        raise TypeError("a policy of an ONNX file cannot be pickled; load the file again")
+        raise TypeError("a policy from an ONNX file cannot be pickled; load the file in each process")

@@ -50,11 +50,15 @@ def sb3_policy(
     data, tensors = _read(path)
     settings = data.get("policy_kwargs", {})
     if unread := sorted(set(settings) & set(_UNREAD)):
-        raise ValueError(f"{path}: policy_kwargs has {', '.join(unread)}, which only unpickling could read; {_ROUTE}")
+        raise ValueError(
+            f"{path}: policy_kwargs has {', '.join(unread)}, which cannot be read without unpickling; {_ROUTE}"
+        )
     joints = joints_of(robot)
     low, high = (str(data.get("action_space", {}).get(end)) for end in ("low", "high"))
     if {*low.strip("[]").split()} != {"-1."} or {*high.strip("[]").split()} != {"1."}:
-        raise ValueError(f"{path}: its actions lie in {low} to {high}, not in [-1, 1] as those of FuzzyArmLearn-v0")
+        raise ValueError(
+            f"{path}: its actions range from {low} to {high}; those of FuzzyArmLearn-v0 range from -1 to 1"
+        )
     weights, biases, cell, activation, output = _layers(path, tensors)
     inputs = (weights[0] if cell is None else cell.weight_x).shape[1]
     past = past_seen(path, inputs, joints)
@@ -77,13 +81,16 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     try:
         import torch
     except ImportError:
-        raise ValueError(f"{path}: torch reads these weights: pip install -c constraints.txt -e '.[rl]'") from None
+        raise ValueError(
+            f"{path}: torch, which reads its weights, is not installed; run in the repository: "
+            "pip install -c constraints.txt -e '.[rl]'"
+        ) from None
     content = read_bytes(path, largest=_LARGEST)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             parts = {name: archive.getinfo(name) for name in ("data", "policy.pth")}
             if any(part.file_size > _LARGEST for part in parts.values()):
-                raise ValueError(f"a part is larger than {_LARGEST} bytes")
+                raise ValueError(f"one of its parts is larger than {_LARGEST} bytes, the limit")
             data = instance("data", json.loads(archive.read("data")), dict)
             found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
         tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}
@@ -108,12 +115,12 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
         cell, memory = None, [f"lstm_actor.{part}_l0" for part in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")]
         if any(name.startswith("lstm_actor") for name in tensors):
             if "lstm_actor.weight_ih_l1" in tensors or not set(memory) <= set(tensors):
-                raise ValueError(f"{path}: its memory is not one layer, as the default is: {_ROUTE}")
+                raise ValueError(f"{path}: its LSTM must be a single layer, as the default is; {_ROUTE}")
             x, h, a, b = (tensors[name] for name in memory)
             cell = Cell(x, h, a + b)
         weights, biases = (tuple(tensors[name + part] for name in names) for part in ("weight", "bias"))
         return weights, biases, cell, activation, output
-    raise ValueError(f"{path}: its policy has none of the layers of an MlpPolicy or MlpLstmPolicy; {_ROUTE}")
+    raise ValueError(f"{path}: its layers are not those of an MlpPolicy or MlpLstmPolicy; {_ROUTE}")
 
 
 def _axes(tensors: dict[str, np.ndarray], name: str) -> tuple[int, ...]:
@@ -130,4 +137,4 @@ def _normaliser(path: Path, inputs: int) -> tuple[np.ndarray, np.ndarray, float]
             mean, var = (np.asarray(arrays[name], dtype=np.float64) for name in ("mean", "var"))
             return mean, var, float(arrays["clip"])
     except (KeyError, ValueError, OSError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} holds no mean, var and clip: {error}") from None
+        raise ValueError(f"{path} must contain mean, var and clip: {error}") from None

@@ -77,13 +77,17 @@ def load_code(
     except AttributeError:
         raise ValueError(f"{name}: module {module.__name__} ({module.__file__}) has no {attribute}") from None
     if not callable(factory):
-        raise ValueError(f"{name} is {type(factory).__name__}; needed: a function or class that returns a policy")
+        raise ValueError(
+            f"{name} is of type {type(factory).__name__}; needed: a function or class that returns a policy"
+        )
     try:
         policy = factory(**_accepted(factory, {"control_period": control_period, "robot": robot}))
     except Exception as error:
         raise ValueError(f"{name}: the factory failed: {_described(error)}") from error
     if not callable(getattr(policy, "predict", None)):
-        raise ValueError(f"{name} returned {type(policy).__name__} without a method predict; needed: a policy")
+        raise ValueError(
+            f"{name} returned an object of type {type(policy).__name__}; needed: a policy with a method predict"
+        )
     loaded = UserPolicy(name, policy, control_period)
     _ = loaded.declared  # a wrong one is refused before anything runs
     return loaded
@@ -109,7 +113,7 @@ def _imported(name: str) -> ModuleType:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:
         if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
-            raise ValueError(f"{name}: {error}; looked for in {here} and among the installed packages") from None
+            raise ValueError(f"{name}: {error}; it is neither in {here} nor an installed package") from None
         raise ValueError(f"{name}: importing {module} failed: {_described(error)}") from error
 
 
@@ -150,7 +154,10 @@ class UserPolicy:
             return None
         for needed in ("predict", "begin_pass"):
             if not callable(getattr(found, needed, None)):
-                raise ValueError(f"{self.name}: repeated returned {type(found).__name__} without a method {needed}")
+                raise ValueError(
+                    f"{self.name}: repeated returned an object of type {type(found).__name__}, which has no method "
+                    f"{needed}"
+                )
         return UserPolicy(self.name, found, self.control_period)
 
     def begin_pass(self, state: Any) -> Any:
@@ -161,7 +168,10 @@ class UserPolicy:
         found = self._called("beliefs", state)
         names = ("force", "force_deviation", "payload", "payload_deviation")
         if missing := [name for name in names if not hasattr(found, name)]:
-            raise ValueError(f"{self.name}: beliefs returned {type(found).__name__} without {', '.join(missing)}")
+            raise ValueError(
+                f"{self.name}: beliefs returned an object of type {type(found).__name__}, which lacks "
+                f"{', '.join(missing)}"
+            )
         return found
 
     def _called(self, method: str, *arguments: Any) -> Any:
@@ -185,7 +195,7 @@ class UserPolicy:
             )
             torque = np.asarray(action)
         except Exception as error:
-            failed = f"{self.name}: predict failed, or returned no (action, state)"
+            failed = f"{self.name}: predict failed, or did not return (action, state)"
             raise ValueError(f"{failed}: {_described(error)}") from error
         needed = (*observation.shape[:-1], JOINTS)
         if torque.shape != needed:
@@ -195,7 +205,8 @@ class UserPolicy:
             )
         if torque.dtype.kind not in "fiuO":  # the environment looks at objects one by one
             raise ValueError(
-                f"{self.name}: predict returned {torque.dtype}; the motor torques [N m] must be two real numbers"
+                f"{self.name}: predict returned an action of type {torque.dtype}; the motor torques [N m] must be "
+                "two real numbers"
             )
         return torque, after
 

@@ -39,7 +39,7 @@ def stated(given: Any) -> Declared:
     found = (
         given if isinstance(given, Mapping) else {name: getattr(given, name) for name in fields if hasattr(given, name)}
     )
-    allowed = f"needed: {', '.join(fields)}, each a text of one line"
+    allowed = f"needed: {', '.join(fields)}, each a string of one line"
     if unknown := [name for name in found if name not in fields]:
         raise ValueError(f"declared has the unknown field {listed(unknown)}; {allowed}")
     if missing := [name for name in fields if name not in found]:

@@ -93,7 +93,7 @@ def _printed(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.printed_gains import with_printed_gains
 
     if robot != ArmParameters():
-        raise ValueError(f"{PAPERS[1]} is for the arm of Table 1; for another arm use fuzzyarm design")
+        raise ValueError(f"{PAPERS[1]} works only on the arm of Table 1; for another arm, use fuzzyarm design")
     return FuzzyPolicy(with_printed_gains(Controller.load(_PAPERS_FOUR)), control_period)
 
 
@@ -149,7 +149,9 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
         ValueError: the name is taken, or names a file or code.
     """
     if not (isinstance(name, str) and name) or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
-        raise ValueError(f"{name!r} cannot name a policy: no {TIP} or .json at its end, no slash, no colon")
+        raise ValueError(
+            f"{name!r} cannot name a policy: it must not end in {TIP} or .json, or contain a slash or a colon"
+        )
     if not callable(factory):
         raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")
     if name in POLICIES:

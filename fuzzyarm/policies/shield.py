@@ -55,7 +55,8 @@ def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unpro
     _, margin = without_guest(spec.name)
     if spec.shield.guest.name == ANY_GUEST:
         raise ValueError(
-            f"{spec.name} is every guest, which fuzzyarm prove takes; name a policy in place of {ANY_GUEST}"
+            f"{spec.name} stands for every guest, which only fuzzyarm prove accepts; name a policy instead of "
+            f"{ANY_GUEST}"
         )
     law = spec.shield.law.load(control_period, robot, allow_unproven)
     assert isinstance(law, Policy)

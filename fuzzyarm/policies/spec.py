@@ -165,9 +165,9 @@ class PolicySpec:
             nearest = difflib.get_close_matches(self.name, known_names(), n=1)
             hint = f"did you mean {nearest[0]}? Otherwise " if nearest else ""
             raise ValueError(
-                f"unknown policy {self.name!r}; {hint}choose from: {', '.join(known_names())}, or the path of a "
-                f"controller file (.json, .json{TIP}), or of a learned policy's folder, on the command line also "
-                f"package.module:factory, or {_SHIELD}LAW:POLICY:4,2 for one of these within ± (4, 2) N m of a law"
+                f"unknown policy {self.name!r}; {hint}choose from: {', '.join(known_names())}. Also accepted: a "
+                f"controller file (.json, .json{TIP}); the folder of a learned policy; on the command line, "
+                f"package.module:factory; and {_SHIELD}LAW:POLICY:4,2, which keeps POLICY within ± (4, 2) N m of LAW"
             )
         if not self.tip:
             return law
@@ -181,21 +181,23 @@ class PolicySpec:
 
         if self.kind is Kind.CODE and not self.run_code:
             raise ValueError(
-                f"{self.name} names code, which load_policy does not run: import it, or give it to fuzzyarm evaluate "
+                f"{self.name} names code, which load_policy does not run: import it yourself, or use fuzzyarm evaluate "
                 "--policy"
             )
         if self.kind is not Kind.LEARNED or self.path is None:
             return
-        path, code = self.path, "name code that makes the policy: --policy module:factory"
+        path, code = self.path, "write code that returns the policy, and use --policy module:factory"
         if path.suffix in _ROUTES:
             raise ValueError(f"{path} is a model of another library: write --policy {_ROUTES[path.suffix]}{path}")
         if path.suffix in (".pt", ".pth", ".safetensors"):
-            raise ValueError(f"{path} holds weights of another library, but not its network: {code}")
+            raise ValueError(f"{path} contains weights of another library, but not the network: {code}")
         if path.is_dir() and not any((path / name).exists() for name in (DESCRIPTION, WEIGHTS)):
             inside = [str(path / name) for name in (LAST, BEST) if (path / name / DESCRIPTION).exists()]
             inside += [f"{_ROUTES[entry.suffix]}{entry}" for entry in sorted(path.iterdir()) if entry.suffix in _ROUTES]
             instead = f"write --policy {inside[0]}" if inside else code
-            raise ValueError(f"{path} is not a policy, whose folder holds {DESCRIPTION} and {WEIGHTS}: {instead}")
+            raise ValueError(
+                f"{path} is not a policy folder, which must contain {DESCRIPTION} and {WEIGHTS}: {instead}"
+            )
 
 
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
@@ -206,7 +208,7 @@ def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySp
     code. Pass True only for a name that the user has typed, never for one that was read from a file.
     """
     if not isinstance(name, str | os.PathLike):
-        raise TypeError(f"a policy's name is a string or a path; {type(name).__name__} was given")
+        raise TypeError(f"a policy's name must be a string or a path, not {type(name).__name__}")
     text = str(name)
     if text.startswith(_SHIELD):
         return _in_shield(text, run_code)
@@ -249,7 +251,7 @@ def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
         return shield.law.name, tuple(map(float, shield.margin.split(",")))
     except ValueError:
         raise ValueError(
-            f"{name}: its margin {shield.margin!r} must be a torque for each joint [N m], such as 4,2"
+            f"{name}: its margin {shield.margin!r} must be one torque for each joint [N m], such as 4,2"
         ) from None
 
 
@@ -269,10 +271,10 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
     """Return the specs of several names by label; ValueError if two labels are equal or a name is not printable."""
     for name in names:
         if not name.isprintable():
-            raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
+            raise ValueError(f"policy {name!a}: its name contains characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
     if len({label.replace(":", "-") for label in specs}) < len(names):  # as in names of files
-        raise ValueError(f"policies {', '.join(names)}: two of them share a name; rename a file or folder")
+        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
     return specs
 
 

@@ -89,7 +89,7 @@ class TipClaim:
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=self.samples)
         if choice("laps", self.laps, ("one", "ever")) == "ever" and self.steps is not None:
-            raise ValueError(f"steps = {self.steps}: laps for ever are whole; leave out one of the two")
+            raise ValueError(f"steps = {self.steps}: laps = ever needs whole laps; leave out one of the two")
 
     @property
     def samples(self) -> int:
@@ -227,7 +227,7 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
     """Return the arm of a policy; `NoBound` unless it is a two-joint arm."""
     parameters = policy.parameters
     if not isinstance(parameters, ArmParameters):
-        raise NoBound(f"there is no bound for a robot of {len(parameters)} joints; choose the two-joint arm")
+        raise NoBound(f"there is no bound for a robot with {len(parameters)} joints; choose a two-joint arm")
     return parameters
 
 
@@ -241,17 +241,19 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
-        raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
+        raise NoBound(f"case {claim.case}: there is no bound with a torque bias or with Gaussian encoder noise")
     plant = BallPlant.of(parameters, case.disturbance, claim.plants)
     references = schedule.references
     if claim.laps == "ever":
         apart = float(np.abs(references[-1] - references[0]).max())
         if apart > _CLOSED:
-            raise ValueError(f"laps = ever: the motion ends {apart:.3g} from where it begins; choose a closed path")
+            raise ValueError(f"laps = ever needs a closed path, but this one ends {apart:.3g} away from its start")
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     sampled = SampledLaw(policy, references)
     if claim.laps == "ever" and not sampled.repeats(schedule.steps):
-        raise NoBound("the second lap of the law's references is not like the third: it remembers those before")
+        raise NoBound(
+            "the law remembers references for longer than a lap, so that its second lap differs from its third"
+        )
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     if claim.start is not None:
@@ -295,15 +297,19 @@ def find_bound(
             filled = math.inf if after is None else tube.state.filled(after)
         if claims is not None and not filled <= 1.0:
             raise NoBound(
-                f"{name}: the end of lap {number} is not in the set in which the next begins: {filled:.4g} of 1"
+                f"{name}: the end of lap {number} is not inside the set in which the next lap begins: its relative "
+                f"size is {filled:.4g}; allowed: at most 1"
             )
         if last and filled <= 1.0:
             break
         start = tube.state.around() if claims is None else after
     else:
-        raise NoBound(f"{name}: the end of lap {_MOST_LAPS} leaves the set in which it begins: {filled:.4g} of 1")
+        raise NoBound(
+            f"{name}: the end of lap {_MOST_LAPS} is not inside the set in which this lap begins: its relative size is "
+            f"{filled:.4g}; allowed: at most 1"
+        )
     if claims is not None and len(claims) != len(laps):
-        raise NoBound(f"{name}: the file has {len(claims)} laps, of which {len(laps)} count")
+        raise NoBound(f"{name}: the file has {len(claims)} laps; needed: {len(laps)}")
     first = {field.name: getattr(laps[0], field.name) for field in dataclasses.fields(_Lap)}
     seconds = time.perf_counter() - begin
     return TipBound(**first, claim=claim, arm=problem.parameters, seconds=seconds, later=tuple(laps[1:]))

@@ -126,7 +126,7 @@ class _Begin:
             for name in ("constants", "columns")
         )
         if len(columns) < numbers:
-            raise ValueError(f"a set of {numbers} numbers has {len(columns)} columns; needed: {numbers} or more")
+            raise ValueError(f"a set of {numbers} numbers has {len(columns)} columns; needed: at least {numbers}")
         centre, memory, waiting = point
         return LapSet(centre, memory, waiting, constants.T, columns.T)
 
@@ -314,7 +314,7 @@ def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
     modes = tuple(Mode(m) for m in part.modes)
     plans = tuple(Plan(p) for p in part.plans)
     if len(modes) != JOINTS or len(plans) != JOINTS:
-        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS}")
+        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS} of each")
     angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=_LARGEST)
     end = finite_array("end", part.end, (STATES,), largest=_LARGEST)
     tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=_LARGEST)
@@ -328,7 +328,9 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
         claim = document.claim(len(document.tip))
         bounds = [_claimed_bounds(document), *map(_claimed_bounds, document.later)]
         if resolve(document.policy).files() != document.files:
-            raise ValueError(f"policy {document.policy} has changed since the bound was found")
+            raise ValueError(
+                f"policy {document.policy} has changed since the bound was found; find it again with fuzzyarm prove"
+            )
         claims = [LapClaim([[_claimed(part) for part in step] for step in document.steps])]
         claims += [
             LapClaim([[_claimed(p) for p in step] for step in lap.steps], lap.begin.checked()) for lap in document.later
@@ -364,7 +366,7 @@ def _check_cells(path: Path, content: Any) -> BoundCheck:
         document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
         claim = document.claim(document.samples)
         if not document.cells or any(Path(name).name != name for name in document.cells):
-            raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
+            raise ValueError("cells must list at least one file name, without a folder; the files lie beside this one")
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     begin = time.perf_counter()

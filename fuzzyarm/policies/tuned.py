@@ -53,7 +53,7 @@ class TunedLaws:
         for name in self.policies:
             inner = name.removesuffix(TIP)
             if not name.isprintable() or any(mark in name for mark in "/\\:"):
-                raise ValueError(f"policies: {name!a} is not the name of a policy in the folder")
+                raise ValueError(f"policies: {name!a} must be the name of a policy in the folder, without a path")
             if inner in LAWS and given[inner] is None:
                 raise ValueError(f"policies: {name} is present, but the parameters of {inner} are missing")
 
@@ -71,8 +71,8 @@ class TunedLaws:
             raise ValueError(f"{path}: {error}; make the folder again with fuzzyarm tune") from None
         if laws.arm_sha256 != robot_of(arm).digest:
             raise ValueError(
-                f"{folder} was tuned for another arm than this one: give --robot {folder} (robot=), or, if its "
-                "robot.toml was changed, tune that again with fuzzyarm tune --robot"
+                f"{folder} was tuned for a different arm: give --robot {folder} (robot=), or, if its robot.toml was "
+                "changed, tune it again with fuzzyarm tune --robot"
             )
         return laws
 
@@ -85,7 +85,7 @@ class TunedLaws:
         for name, kind in (("observer", ObserverWeights), ("adaptive", AdaptiveWeights)):
             values = getattr(self, name)
             if values and (odd := set(values) ^ {field.name for field in dataclasses.fields(kind)}):
-                raise ValueError(f"{name}: {listed(odd)} missing or unknown")
+                raise ValueError(f"{name}: the weights {listed(odd)} are missing or unknown")
             weights.append(kind(**values) if values else None)
         return dict(zip(LAWS, (self.bandwidth, *weights), strict=True))
 
@@ -114,10 +114,11 @@ def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) ->
     """Return a law of `LAWS` by name, with the numbers of a tuned folder, for its arm and control period [s]."""
     laws = TunedLaws.read(folder, arm)
     if name not in {policy.removesuffix(TIP) for policy in laws.policies}:
-        raise ValueError(f"{folder} has no {name}; it has {', '.join(laws.policies)}")
+        raise ValueError(f"{folder} has no policy {name}; choose from: {', '.join(laws.policies)}")
     if control_period != laws.control_period:
         raise ValueError(
-            f"{folder / name} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s"
+            f"{folder / name} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s; "
+            "use that period"
         )
     numbers, period = laws.numbers(), laws.control_period
     if name != ADAPTIVE_OBSERVER:

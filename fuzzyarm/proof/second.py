@@ -102,7 +102,7 @@ def check(path: Path) -> SecondCheck:
         claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
         unknown = claim.unknown()
     except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise ValueError(f"{path}: not the file of a bound: {error!r}") from None
+        raise ValueError(f"{path}: it is not a file of fuzzyarm prove: {error!r}") from None
 
     def answer(verdict: str, reason: str, bound: float = math.nan) -> SecondCheck:
         return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin)
@@ -116,7 +116,9 @@ def check(path: Path) -> SecondCheck:
                 stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
                 for one, other in zip(found, stated, strict=False):
                     if not one <= _LOOSER * min(other + _GRAIN, claim.bound):
-                        raise _Refused(f"the tip may err by {1e3 * one:.4g} mm, and the file says {1e3 * other:.4g}")
+                        raise _Refused(
+                            f"the tip error may reach {1e3 * one:.4g} mm; the file claims {1e3 * other:.4g} mm"
+                        )
                 most = max(most, *found[: len(stated)])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         return answer("NOT PROVEN", f"control step {done + 1}: {error}")
@@ -133,7 +135,7 @@ class _Claim:
         self.plants: dict[str, Any] = _DEFAULTS | document["plants"]
         self.tip, self.whole, self.steps = (document.get(name, []) for name in ("tip", "whole", "steps"))
         if self.schema == _SCHEMAS[1] and len(self.whole) != len(self.tip):
-            raise LookupError("whole")
+            raise LookupError("whole must have as many entries as tip")
 
     def unknown(self) -> str:
         """Return what of the claim this checker does not know; empty if it knows all of it."""
@@ -209,7 +211,7 @@ class _Plant:
         for name in _RANGES:
             both = plants[name] if isinstance(plants[name][0], list) else [plants[name]] * 2
             if len(both) != 2 or not all(0.0 <= low <= high < 1e6 for low, high in both):
-                raise _Refused(f"the range {plants[name]} of {name}")
+                raise _Refused(f"the range {plants[name]} of {name} must be (low, high) with 0 <= low <= high < 1e6")
             middle[name] = [(arb(low) + arb(high)) / 2 for low, high in both]
             half[name] = [(arb(high) - arb(low)) / 2 for low, high in both]
         names = ("motor_inertia", "viscous_friction", "stiffness", "damping", "static_friction", "coulomb_friction")
@@ -325,7 +327,7 @@ class _Law:
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         robot = self.robot = {name: _read(value) for name, value in document["robot"].items()}
         if document["kept"] != ["z1", "z3"] or document["form"] != "consistent" or not document["integral"]:
-            raise _Refused("the controller file is of another form")
+            raise _Refused("the controller file must have the consistent form with integral action and keep z1 and z3")
         self.nominal, self.duration = _Plant(robot, _DEFAULTS), duration
         self._bounds = [[arb(x) for x in _read(document["bounds"])[i]] for i in (0, 2)]
         gains = _read(document["gains"])  # by vertex of A (z3), of E (z1), and joint
@@ -350,7 +352,7 @@ class _Law:
             middle = velocity + T * acceleration / 2
             side = _sign_at_rest(self.robot, j) if not k else 1.0 if middle > 0 else -1.0 if middle < 0 else math.nan
             if math.isnan(side):
-                raise _Refused("the sign of the friction that the law expects is not decided")
+                raise _Refused("the sign of the friction in the law's feedforward is undecided")
             slips.append(side * n.friction(j, middle))
         before, self._before = self._before or smooth, smooth
         u_ff = [s + (s - old) / 2 + slip for s, old, slip in zip(smooth, before, slips, strict=True)]
@@ -362,7 +364,7 @@ class _Law:
         widths = [high - low for low, high in self._bounds]
         w1, w3 = ((x - low) / width for x, (low, _), width in zip(z, self._bounds, widths, strict=True))
         if not (0 < w1 < 1 and 0 < w3 < 1):
-            raise _Refused("a premise leaves its bounds")
+            raise _Refused("a premise may leave its bounds")
         corners = list(zip(*(self._gains[i][k][j] for i in _BOTH for k in _BOTH), strict=True))
         gains = [(1 - w3) * ((1 - w1) * a + w1 * b) + w3 * ((1 - w1) * c + w1 * d) for a, b, c, d in corners]
         by_1 = [((1 - w3) * (b - a) + w3 * (d - c)) / widths[0] for a, b, c, d in corners]
@@ -444,7 +446,7 @@ class _Motion:
 
     def __init__(self, angles: list[list[float]], h: float, begin: float) -> None:
         if len(angles) != 4 or any(len(row) != 8 for row in angles):
-            raise _Refused("the centre has four polynomials of degree 7")
+            raise _Refused("the centre must have four polynomials of degree 7")
         rows = [[arb(x) for x in row] for row in angles]
         self.polynomials = [rows]
         for _ in _BOTH:
@@ -519,7 +521,7 @@ class _Friction:
         plans = ("any",) if plant.any else ("held", "slip", "monotone", "mixed")
         fits = plan in plans and mode in (-1, 0, 1, 2) and (self.side or plan != "slip")
         if not fits or (plan == "held" and not (self._rests and known == (0.0, 0.0))):
-            raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit")
+            raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit together")
         parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
         self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound of |P - σ F(v)|
         self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
@@ -544,11 +546,11 @@ class _Friction:
             return (self.needed.size() + strong * self.static[1]) * _UP
         if self.plan == "held":
             if not self.net.size() + spread < weak * self.static[0] * (1.0 - 1e-9):
-                raise _Refused(f"motor {j + 1} may begin to move")
+                raise _Refused(f"motor {j + 1} is claimed at rest but may begin to move")
             return 0.0
         if self.plan == "slip":
             if not (low if self.side > 0 else -high) > 0.0:
-                raise _Refused(f"motor {j + 1} may stop")
+                raise _Refused(f"motor {j + 1} is claimed in motion but may stop")
             falling, rising = plant.slopes(j, *sorted((abs(low), abs(high))))
             bent = max(abs(falling + self.slope), abs(rising + self.slope)) + self.uncertain * max(-falling, rising)
             return (self.missed + bent * tube_v) * _UP
@@ -598,14 +600,17 @@ class _Tube:
         name = claim.policy.removesuffix("-tip") + ".json"
         content = (_CONTROLLERS / name).read_bytes()
         if claim.files != {name: hashlib.sha256(content).hexdigest()}:
-            raise _Refused(f"{name} is not the controller file of the bound")
+            raise _Refused(f"{name} is not the controller file for which the bound was found")
         self._claim, self._law = claim, _Law(json.loads(content), claim.duration)
         robot = self._law.robot
         if any(robot.get(name) != value for name, value in _TABLE_1.items()):
             raise _Refused(f"{name} is not for the arm of Table 1")
         self._plant = plant = _Plant(robot, claim.plants)
         if not 1 <= len(claim.steps) == len(claim.tip) <= round(claim.duration / _PERIOD):
-            raise _Refused(f"{len(claim.steps)} control steps and {len(claim.tip)} samples in {claim.duration} s")
+            raise _Refused(
+                f"{len(claim.steps)} control steps and {len(claim.tip)} samples; their numbers must be equal, from 1 "
+                f"to {round(claim.duration / _PERIOD)}"
+            )
         q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
         hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
         start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
@@ -624,7 +629,7 @@ class _Tube:
                 most = max(most, self._cross(part, _PERIOD * k + begun, torque))
                 begun += part["duration"]
             if begun != _PERIOD:
-                raise _Refused(f"its segments last {begun} s")
+                raise _Refused(f"its segments last {begun} s instead of {_PERIOD} s")
             self._G[8:10] = 0.0
             if k % 40 == 39:
                 self._prune()
@@ -673,7 +678,7 @@ class _Tube:
         p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
         whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
         if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
-            raise _Refused("a segment has 18 radii, two plans and modes, and a duration of at most a period")
+            raise _Refused("a segment must have 18 radii, two plans, two modes, and a duration of at most one period")
         motion = _Motion(part["angles"], h, begin)
         self._move(motion.at(arb(-1)))
 
@@ -716,7 +721,9 @@ class _Tube:
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(f"row {row + 1} reaches {reached[row]:.4g} and leaves the tube, {radii[row]:.4g}")
+            raise _Refused(
+                f"row {row + 1} reaches {reached[row]:.4g} and leaves the tube, whose radius is {radii[row]:.4g}"
+            )
         linear_part[2](w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":

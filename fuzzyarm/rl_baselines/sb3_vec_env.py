@@ -146,7 +146,7 @@ class StableBaselinesVecEnv(VecEnv):
             return None
         names = set(self._options[0])
         if any(set(options) != names for options in self._options):
-            raise ValueError("reset options must name the same things in every lane")
+            raise ValueError("reset options must have the same keys in every lane")
         return {name: [options[name] for options in self._options] for name in names}
 
     def _chosen(self, indices: VecEnvIndices) -> list[int]:

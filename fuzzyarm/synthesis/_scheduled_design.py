@@ -129,7 +129,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
         if certificate.proven:
             return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
         failed = next(claim.name for claim in certificate.claims if not claim.proven)
-    raise DesignFailed(f"the proof does not go through at {failed}")
+    raise DesignFailed(f"the proof fails at {failed}")
 
 
 def _chosen(

@@ -51,7 +51,7 @@ from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
-from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled, scheduled_design
+from fuzzyarm.synthesis import ScheduledSpecification, _scheduled_design, design_scheduled
 
 __all__ = ["CANARY", "CONTROLLERS", "no_code_ran", "of_robot", "room", "scratch", "signed"]
 
@@ -121,7 +121,7 @@ def of_robot() -> ScheduledController:
     robot = robot_named("planar-3r")
     joints = [dataclasses.replace(one, angle_range=(0.3, 2.5)) if k == 1 else one for k, one in enumerate(robot.joints)]
     given = ScheduledSpecification(premises=(Premise(1, "cos q"),), alpha=20.0)
-    with mock.patch.object(scheduled_design, "_SAMPLES", 600):
+    with mock.patch.object(_scheduled_design, "_SAMPLES", 600):
         return design_scheduled(given, dataclasses.replace(robot, joints=tuple(joints))).controller
 
 

@@ -244,7 +244,7 @@ def test_a_cell_that_is_not_confirmed_leaves_the_whole_unproven(tmp_path):
     cell["steps"][-1][-1]["tube"] = [0.5 * radius for radius in cell["steps"][-1][-1]["tube"]]
     (folder / "cells-001.json").write_text(json.dumps(cell))
     found = check_bound(folder / "cells.json")
-    assert not found.proven and found.reason.startswith("cells-001.json: ") and "tube is left" in found.reason
+    assert not found.proven and found.reason.startswith("cells-001.json: ") and "leave the claimed tube" in found.reason
 
 
 # Controllers of robots.

@@ -21,4 +21,4 @@ def test_no_lap_from_a_corner_of_the_box_leaves_the_bound_and_a_smaller_set_is_r
     begin = bound.later[-1].begin
     smaller = dataclasses.replace(bound.later[-1], begin=begin._replace(columns=0.2 * begin.columns))
     answer = checked(dataclasses.replace(bound, later=(*bound.later[:-1], smaller)), tmp_path / "forged.json")
-    assert not answer.proven and "is not in the set in which the next begins" in answer.reason
+    assert not answer.proven and "is not inside the set in which the next lap begins" in answer.reason

@@ -92,7 +92,7 @@ MISTAKES = [
     ("sweep --backend dask", "choose from: local, ray"),
     ("sweep --resume --out new", "holds no sweep to resume"),
     ("sweep --replay fuzzy-4 nominal 0 --out new", "holds no sweep to resume"),
-    ("sweep --policy ppo-nominal --robot arm.toml", "works on no other"),
+    ("sweep --policy ppo-nominal --robot arm.toml", "works only on it"),
     ("export java fuzzy-4 --out new", "java is not an export language; choose from: c"),
     ("export c fuzzy-4", "--out is missing"),
     ("export c fuzzy-4 --out new --number half", 'invalid value "half" for --number'),
@@ -107,7 +107,7 @@ MISTAKES = [
     ("show fuzzy-4 --robot ur5", "was designed for the two-joint arm"),
     ("report none", "is not a folder; make an evaluation with fuzzyarm evaluate"),
     ("report folder.json", "holds no results.json; make an evaluation with fuzzyarm evaluate"),
-    ("leaderboard folder.json", "results.json is not there"),
+    ("leaderboard folder.json", "results.json does not exist"),
 ]
 
 

@@ -150,7 +150,11 @@ REFUSED = [
     ({"robot": "ur5", "parameters": ArmParameters()}, ValueError, "give either robot"),
     ({"robot": "missing.toml"}, OSError, "missing.toml"),
     ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, the plant has 3"),
-    ({"robot": elsewhere(PLANAR), "reference": short(PLANAR)}, ValueError, "whose joints or tip are elsewhere"),
+    (
+        {"robot": elsewhere(PLANAR), "reference": short(PLANAR)},
+        ValueError,
+        "but the joint frames or the tip of the plant",
+    ),
 ]
 
 

@@ -232,7 +232,10 @@ def test_one_seed_seeds_lane_i_with_seed_plus_i():
 
 BAD_ARGUMENTS = [
     *(({"autoreset_mode": mode}, "autoreset_mode.*NextStep.*SameStep.*Disabled") for mode in ("next-step", None, 1)),
-    ({"render_mode": "rgb_array"}, r"render_mode = 'rgb_array': a batch draws nothing; use gymnasium\.make"),
+    (
+        {"render_mode": "rgb_array"},
+        r"render_mode = 'rgb_array': a vector environment cannot render; use gymnasium\.make",
+    ),
     ({"case": ["nominal", "nominal", "drilling"]}, "^lane 2: unknown case 'drilling'; choose from: nominal, mach"),
     ({"case": ["nominal", "payload"]}, "case has 2 entries for 3 lanes; give one, or one per lane"),
     ({"disturbance": [NOISY, NOISY, 3]}, "^lane 2: disturbance = 3 must be a .*Disturbance"),

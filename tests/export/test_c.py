@@ -128,7 +128,7 @@ def test_an_export_replaces_no_other_one(first, second, more, tmp_path):
     files = export_c(first, law, tmp_path)
     before = [file.read_bytes() for file in files]
     other = load_policy(more.get("name", "fuzzy-1"))
-    with pytest.raises(ValueError, match=r"arm.*\.[hc] holds something else under this name: remove it, or choose"):
+    with pytest.raises(ValueError, match=r"arm.*\.[hc] already exists with other content: remove it, or choose"):
         export_c(second, other, tmp_path, more.get("number", "double"))
     assert export_c(first, law, tmp_path) == files
     assert [file.read_bytes() for file in files] == before and len(list(tmp_path.iterdir())) == len(files)
@@ -241,10 +241,10 @@ def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_pat
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (lambda x: np.arctan(x), "own.law does something with a number that is not known: .*arctan"),
+        (lambda x: np.arctan(x), "own.law uses the value of a number that is known only at run time: .*arctan"),
         (lambda x: x if x > 0.0 else -x, "a branch on a number that is not known while it is recorded; use select or"),
         (lambda x: number(word(x)), "own.law computes a word, which has no C function here"),
-        (lambda x: [1.0, 2.0][int(x)], "own.law does something with a number that is not known"),
+        (lambda x: [1.0, 2.0][int(x)], "own.law uses the value of a number that is known only at run time"),
     ],
 )
 def test_what_cannot_be_written_says_what(wrong, message):

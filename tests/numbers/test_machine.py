@@ -155,7 +155,7 @@ FITTING = np.zeros((4, 3)), np.zeros((4, 4))
     [
         ((np.zeros((4, 3), np.float32), FITTING[1]), TABLE, "float32"),
         ((np.zeros((4, 2)), FITTING[1]), TABLE, r"shape \(4, 2\)"),
-        ((FITTING[0], np.zeros((5, 4))), TABLE, r"array 1 of 4 arms has shape \(5, 4\)"),
+        ((FITTING[0], np.zeros((5, 4))), TABLE, r"array 1 \(for 4 arms\) has shape \(5, 4\)"),
         ((np.zeros((4, 6))[:, ::2], FITTING[1]), TABLE, "strides"),
         (FITTING[:1], TABLE, "2 arrays and 1 tables"),
         (FITTING, np.zeros((0, 3)), "table 0 has shape"),
@@ -227,7 +227,7 @@ def test_a_number_of_a_loop_is_known_in_it_alone():
             last = x[0] * (x[1] if k is None else 2.0) + array(1)[0]
         return ((last, last),)
 
-    with pytest.raises(TypeError, match="keep it in an array"):
+    with pytest.raises(TypeError, match="store it in an array"):
         Program(leaks, ((0.0, 0.0),))
 
 

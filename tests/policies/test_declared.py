@@ -129,7 +129,7 @@ def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     written = json.loads(json.dumps(written_declarations(found)))
     assert read_declarations(written, names) == found
     assert read_declarations(None, names) == {"fuzzy-4": declared("fuzzy-4"), "mine": None, "silent": None}
-    with pytest.raises(ValueError, match="does not match the policies"):
+    with pytest.raises(ValueError, match="the policies that were run are"):
         read_declarations({"fuzzy-4": None}, names)
 
 
@@ -170,7 +170,7 @@ def test_the_folder_names_its_arm_and_its_policies(folder, monkeypatch):
 
 def test_the_folder_of_another_arm_is_refused(folder):
     softer = dataclasses.replace(ARM, stiffness=(6e4, 1e4))
-    with pytest.raises(ValueError, match="tuned for another arm"):
+    with pytest.raises(ValueError, match="tuned for a different arm"):
         load_policy(f"{folder}/computed-torque", robot=softer)
     softer.write_toml(folder / "robot.toml")
     with pytest.raises(ValueError, match=r"robot\.toml was changed"):
@@ -182,9 +182,9 @@ def test_the_folder_of_another_arm_is_refused(folder):
     [
         ({"bandwidth": None}, "parameters of computed-torque are missing"),
         ({"bandwidth": -1.0}, "bandwidth"),
-        ({"observer": {"a\nb": 1.0}}, "missing or unknown"),
+        ({"observer": {"a\nb": 1.0}}, "are missing or unknown"),
         ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),
-        ({"policies": ["../fuzzy-4"]}, "not the name of a policy"),
+        ({"policies": ["../fuzzy-4"]}, "must be the name of a policy"),
         ({"schema": "fuzzyarm-tuned/0"}, "this version reads"),
     ],
 )

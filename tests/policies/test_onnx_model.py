@@ -56,17 +56,17 @@ def test_it_is_the_bundle_of_the_same_layers(history, tmp_path):
         expected, other = theirs.predict(observation, other, start)
         np.testing.assert_allclose(torque, expected, atol=2e-3, err_msg=str(step))
     assert np.ptp(torque) > 1.0
-    with pytest.raises(TypeError, match="load the file again"):
+    with pytest.raises(TypeError, match="load the file in each process"):
         pickle.dumps(ours)
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"size": 11}, "it takes 11 numbers; FuzzyArmLearn-v0 has 10"),
+        ({"size": 11}, "its input has 11 numbers; an observation of FuzzyArmLearn-v0 has 10"),
         ({"size": 10, "outputs": 3}, r"its output has shape \(1, 3\) for one lane; needed: \(1, 2\)"),
         ({"size": 10, "extra": ("h",)}, r"its inputs are x tensor\(float\) \['n', 10\], h"),
-        ({"size": 10, "kind": TensorProto.DOUBLE}, "is not an ONNX model that onnxruntime runs"),
+        ({"size": 10, "kind": TensorProto.DOUBLE}, "is not an ONNX model that onnxruntime can run"),
     ],
 )
 def test_another_model_is_refused_by_what_it_has(given, message, tmp_path):
@@ -84,7 +84,7 @@ def test_a_model_that_only_unpickling_could_read_is_exported_by_the_code_of_the_
     own = {"activation_fn": torch.nn.ELU}
     model = sb3.PPO("MlpPolicy", learning_envs(1, case="nominal"), policy_kwargs=own, seed=0, device="cpu")
     model.save("my-model")
-    with pytest.raises(ValueError, match=r"activation_fn, which only unpickling could read; export it to ONNX"):
+    with pytest.raises(ValueError, match=r"activation_fn, which cannot be read without unpickling; export it to ONNX"):
         sb3_policy(Path("my-model.zip"), ARM, 1e-3)
     page = (Path(__file__).parents[2] / "docs" / "tutorials" / "train.md").read_text(encoding="utf-8")
     code = page[page.index("class Actor(") :].partition("```")[0]

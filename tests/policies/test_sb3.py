@@ -87,9 +87,9 @@ def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
     for path, words in (
         (text, "not a model saved by stable-baselines3"),
         (empty, "not a model saved by stable-baselines3"),
-        (other, "not in [-1, 1]"),
+        (other, "range from -1 to 1"),
         (relu, "activation_fn"),
-        (bare, "none of the layers"),
+        (bare, "are not those of an MlpPolicy"),
         (wide, "wide.zip: "),
         (tmp_path / "none.zip", "No such file"),
     ):

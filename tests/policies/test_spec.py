@@ -116,7 +116,7 @@ def test_two_policies_of_one_label_are_refused():
     assert list(resolve_all(["fuzzy-4", "a/b.json", "ppo-robust"])) == ["fuzzy-4", "b", "ppo-robust"]
     trained = ["runs/one/policy", "runs/two/policy", "runs/two/best", "policy"]
     assert list(resolve_all(trained)) == ["one", "two", "two-best", "policy"]
-    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them share a name; rename a file or folder"):
+    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; rename a file or folder"):
         resolve_all(["a/b.json", "c/b"])
 
 
@@ -133,7 +133,9 @@ class TestAddedPolicy:
         policy = load_policy("soft-tip", control_period=2e-3)
         assert isinstance(policy, TipPolicy)
         assert policy.control_period == 2e-3
-        with pytest.raises(ValueError, match=r"choose from: .*learned-observer, .*soft, .*soft-tip, or the path"):
+        with pytest.raises(
+            ValueError, match=r"choose from: .*learned-observer, .*soft, .*soft-tip. Also accepted: a controller file"
+        ):
             load_policy("nobody")
         assert "soft" not in {*EvaluationConfig().policies, *NAMES}  # defaults stay as they are
 

@@ -85,16 +85,20 @@ def test_a_factory_is_given_what_it_names(module, factory, definition, taken):
 @pytest.mark.parametrize(
     ("source", "name", "expected"),
     [
-        ("", "my_other:factory", "No module named 'my_other'; looked for in"),
+        ("", "my_other:factory", "No module named 'my_other'; it is neither in"),
         ("", "my_law.deep:factory", "No module named 'my_law.deep'; 'my_law' is not a package"),
         ("\n1 / 0", "my_law:factory", "ing my_law failed: ZeroDivisionError: division by zero (my_law.py, line 2)"),
         ("import sys; sys.exit(3)", "my_law:factory", "importing my_law failed: SystemExit: 3"),
         ("", "my_law:factory", "has no factory"),
-        ("factory = 3", "my_law:factory", "my_law:factory is int; needed: a function or class"),
+        ("factory = 3", "my_law:factory", "my_law:factory is of type int; needed: a function or class"),
         ("def factory(size): return size", "my_law:factory", "the factory failed: TypeError: factory() missing 1"),
-        ("def factory(): return {}", "my_law:factory", "my_law:factory returned dict without a method predict"),
+        (
+            "def factory(): return {}",
+            "my_law:factory",
+            "my_law:factory returned an object of type dict; needed: a policy with a method predict",
+        ),
         (PREDICT.format("raise KeyError('x')"), "my_law:Law", "KeyError: 'x' (my_law.py, line 6)"),
-        (PREDICT.format("return np.zeros(3)"), "my_law:Law", "returned no (action, state): ValueError: too many"),
+        (PREDICT.format("return np.zeros(3)"), "my_law:Law", "did not return (action, state): ValueError: too many"),
         (PREDICT.format("return np.zeros((1, 2)), None"), "my_law:Law", "shape (1, 2) for observations of shape (10,)"),
         (PREDICT.format("return np.full(2, np.nan), None"), "my_law:Law", "action = [nan, nan] N m is not finite"),
         (PREDICT.format("return np.array(['a', 'b']), None"), "my_law:Law", "must be two real numbers"),
@@ -158,11 +162,15 @@ def test_what_it_learns_from_a_pass_and_what_it_believes_is_passed_on(module):
 @pytest.mark.parametrize(
     ("before", "after", "expected"),
     [
-        ("return self\n", "return 3\n", "my_law:Law: repeated returned int without a method predict"),
-        ("begin_pass", "begin", "my_law:Law: repeated returned Law without a method begin_pass"),
+        (
+            "return self\n",
+            "return 3\n",
+            "my_law:Law: repeated returned an object of type int, which has no method predict",
+        ),
+        ("begin_pass", "begin", "my_law:Law: repeated returned an object of type Law, which has no method begin_pass"),
         ("return self\n", "return 1 / 0\n", "my_law:Law: repeated failed: ZeroDivisionError: division by zero (my_law"),
         ("return state + 1", "return 1 / 0", "my_law:Law: begin_pass failed: ZeroDivisionError"),
-        ("payload=1.0,", "", "my_law:Law: beliefs returned SimpleNamespace without payload"),
+        ("payload=1.0,", "", "my_law:Law: beliefs returned an object of type SimpleNamespace, which lacks payload"),
     ],
 )
 def test_what_fails_between_passes_is_one_line(module, before, after, expected):

@@ -63,8 +63,8 @@ FORGED = {
     "another centre": (_shift, "leaves the tube"),
     "a missing step": (lambda d: d["steps"].pop(AT), "control steps"),
     "a missing end": (lambda d: (d["steps"].pop(), d["steps"].append([])), "its segments last"),
-    "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip may err by"),
-    "a smaller tip": (lambda d: d["tip"].__setitem__(AT, 0.9 * d["tip"][AT]), "the tip may err by"),
+    "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip error may reach"),
+    "a smaller tip": (lambda d: d["tip"].__setitem__(AT, 0.9 * d["tip"][AT]), "the tip error may reach"),
     "another controller": (lambda d: d["files"].update({"fuzzy-4.json": "0" * 64}), "is not the controller file"),
 }
 
@@ -97,7 +97,7 @@ def test_what_it_does_not_know_is_named(true, tmp_path, capsys):
     assert "PROVEN by the second checker" in capsys.readouterr().out
     assert main(["verify", "--twice", str(second._CONTROLLERS / "fuzzy-1.json")]) == 2
     path.write_text("{}")
-    with pytest.raises(ValueError, match="not the file of a bound"):
+    with pytest.raises(ValueError, match="it is not a file of fuzzyarm prove"):
         second.check(path)
 
 

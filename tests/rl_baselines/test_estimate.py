@@ -157,7 +157,9 @@ def test_units_scale_with_the_arm():
 @pytest.mark.usefixtures("few_references")
 def test_motors_too_weak_for_any_course_are_named():
     weak = dataclasses.replace(ARM, torque_limit=(30.0, 10.0))
-    with pytest.raises(ValueError, match=r"of 100 courses and loads the motors bear only 0; raise torque_limit"):
+    with pytest.raises(
+        ValueError, match=r"only 0 of 100 random motions and loads stay within the motors' torque limits; raise"
+    ):
         draw_courses(weak, 1, PERIOD, np.random.default_rng(0))
 
 

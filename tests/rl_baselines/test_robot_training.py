@@ -46,7 +46,7 @@ def test_a_run_of_a_changed_robot_is_not_resumed(tmp_path):
     config = PPOConfig(robot=str(toml), total_timesteps=128, lanes=2, n_steps=64, batch_size=64, hidden=(8,))
     Training(config, folder).run()
     toml.write_text("stiffness = [4e4, 3.1e4]\n")
-    with pytest.raises(CheckpointError, match=r"another arm.*arm\.toml"):
+    with pytest.raises(CheckpointError, match=r"a different arm.*arm\.toml"):
         Training.resume(config, folder)
     toml.write_text("# as before\nstiffness = [40000, 30000]\n")
     assert Training.resume(config, folder).algorithm.steps == 128

@@ -173,7 +173,7 @@ def _specifications(options: Options, arm: ArmParameters) -> list[Specification]
     kept = NAMED_RULES[rules] if options.keep is None else tuple(name for name in options.keep.split(",") if name)
     form = "consistent" if options.theorem is None else options.theorem
     if options.feedforward is not None and form != "paper":
-        raise UsageError("--feedforward goes with --theorem paper; leave it out")
+        raise UsageError("--feedforward is for --theorem paper only; leave it out, or add --theorem paper")
     fixed = given(options, Specification) | {"kept": kept, "form": form}
 
     def at(alpha: float | None) -> Specification:

@@ -245,8 +245,8 @@ class Lanes:
         visiting = self._assigned.visiting()
         if len(visiting):
             raise ValueError(
-                f"lane {visiting[0]} is in a scenario that reset options asked for, which is not part of the state; "
-                "reset without options first"
+                f"lane {visiting[0]} is in a scenario chosen by reset options, which the state does not contain; reset "
+                "without options first"
             )
         return {
             "values": by_rows(self.values, self.count),
@@ -266,7 +266,8 @@ class Lanes:
         made_of = checks.instance("state", state, dict).get("made_of")
         if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
             raise ValueError(
-                "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
+                "the state belongs to lanes with different plants, scenarios, randomisation or periods, or to a "
+                "different number of lanes; make the environment with the same arguments"
             )
         arrays = checked_arrays(state, own)
         self._check_contents(arrays, over)
@@ -293,8 +294,8 @@ class Lanes:
             lane = int(np.argmax(wrong))
             begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
             raise ValueError(
-                f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: "
-                f"{begins} to {latest[lane]} of {begins} to {ends}"
+                f"state['clock'] places lane {lane} at row {row[lane]} of the schedule rows {first[lane]} to "
+                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}"
             )
         if not np.array_equal(arrays["drawn"], drawn):
             raise ValueError("state['drawn'] differs from what the keys of its episodes draw")

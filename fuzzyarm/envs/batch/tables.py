@@ -205,7 +205,9 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
     """Raise ValueError unless the arm can follow the reference, which was validated for its own arm."""
     bounds = bounds_of(arm)
     if reference.joints != len(bounds.low):
-        raise ValueError(f"reference moves {reference.joints} joints, the plant has {len(bounds.low)}: build it for it")
+        raise ValueError(
+            f"reference moves {reference.joints} joints, the plant has {len(bounds.low)}: build one for it"
+        )
     made_for = getattr(reference, "parameters", getattr(reference, "robot", arm))
     if isinstance(made_for, ArmParameters) and isinstance(arm, ArmParameters):
         if made_for.length != arm.length:
@@ -215,8 +217,8 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
             )
     elif made_for != arm and not _same_frames(robot_of(made_for), robot_of(arm)):
         raise ValueError(
-            f"reference was made for {robot_of(made_for).name}, the plant is {robot_of(arm).name}, whose joints or tip "
-            "are elsewhere: build it with robot=..."
+            f"reference was made for {robot_of(made_for).name}, but the joint frames or the tip of the plant "
+            f"{robot_of(arm).name} differ: build the reference with robot=..."
         )
     motion = reference.sample(np.linspace(0.0, reference.duration, _CHECKED_INSTANTS))
     fastest = np.full_like(bounds.low, MAX_ACCELERATION)

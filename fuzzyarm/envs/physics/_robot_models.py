@@ -313,7 +313,7 @@ def _text(path: Path) -> str:
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:
-        raise ValueError(f"it has an element <{found[1]}>; write the whole model into one file, without it")
+        raise ValueError(f"it has an element <{found[1]}>, which is not supported; merge the files into one")
     return text
 
 

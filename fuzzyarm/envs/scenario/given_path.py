@@ -80,8 +80,8 @@ class GivenPath:
             wrong = [place for place, cell in enumerate(cells, start=1) if not _NUMBER.fullmatch(cell)]
             if wrong:
                 raise ValueError(
-                    f"line {reader.line_num}, cell {wrong[0]} is {checks.shown(row[wrong[0] - 1])}; needed: x,y or "
-                    f"x,y,z in metres, below the heading {' or '.join(_HEADINGS)} or without one"
+                    f"line {reader.line_num}, cell {wrong[0]} is {checks.shown(row[wrong[0] - 1])}, not a number; each "
+                    f"line must be x,y or x,y,z in metres, after an optional heading {' or '.join(_HEADINGS)}"
                 )
             points.append(tuple(map(float, cells)))
         if len(points) > MOST_WAYPOINTS:

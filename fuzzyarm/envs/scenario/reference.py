@@ -253,15 +253,15 @@ def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
     """Raise unless a path gives three arrays of points of `size` numbers, as `TipPath` says."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
-        raise TypeError(f"path.points(s) gave {checks.shown(parts)}; needed: arrays of p, dp/ds and d²p/ds²")
+        raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: arrays of p, dp/ds and d²p/ds²")
     for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
         if part.shape != (*s.shape, size):
-            found = f"shape {part.shape} for {name} and s of shape {s.shape}"
-            raise ValueError(f"path.points(s) gave {found}; allowed: {(*s.shape, size)}")
+            found = f"{name} of shape {part.shape} for s of shape {s.shape}"
+            raise ValueError(f"path.points(s) returned {found}; allowed: {(*s.shape, size)}")
         if part.dtype.kind not in "fiu":
-            raise TypeError(f"path.points(s) gave {name} = {checks.shown(part)}; needed: real numbers [m]")
+            raise TypeError(f"path.points(s) returned {name} = {checks.shown(part)}; needed: real numbers [m]")
     if not all(np.isfinite(part).all() for part in parts[1:]):  # p is checked with the reach
-        raise ValueError("path.points(s) gave derivatives that are not finite")
+        raise ValueError("path.points(s) returned derivatives that are not finite")
 
 
 def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float]) -> None:

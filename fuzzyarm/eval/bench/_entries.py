@@ -216,7 +216,7 @@ def _torch_modules(device: str) -> tuple[ModuleType, ModuleType]:
     torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
     torch: ModuleType = torch_env.torch
     if device == "cuda" and not torch.cuda.is_available():
-        raise RuntimeError("no GPU that torch can use")
+        raise RuntimeError("torch finds no GPU")
     compilers = (os.environ.get("CXX"), "g++", "clang++", "cl")
     if not any(shutil.which(name) for name in compilers if name):
         raise RuntimeError("torch.compile needs a C++ compiler: install g++ or clang++, or name one in CXX")
@@ -246,7 +246,7 @@ def _mujoco_arm() -> ModuleType:
     """Import the benchmark with the arm in MuJoCo, which is in the repository but not in the installed package."""
     path = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
     if not path.exists():
-        raise RuntimeError("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")
+        raise RuntimeError("benchmarks/mujoco_arm.py is missing: run from a clone of the repository")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -52,14 +52,17 @@ class BenchConfig:
         real("seconds", self.seconds, "s", above=0.0)
         if whole("rounds", self.rounds) < _FEWEST_ROUNDS or self.rounds % 2 == 0:
             raise ValueError(
-                f"rounds = {self.rounds} must be odd and at least {_FEWEST_ROUNDS}: the median is one of the rounds"
+                f"rounds = {self.rounds} must be odd and at least {_FEWEST_ROUNDS}, so that the median is one of the "
+                "rounds"
             )
         whole("threads", self.threads, low=1, high=os.cpu_count() or 1)
         for lanes in instance("lanes", self.lanes, tuple):
             whole("lanes", lanes, low=1)
         truth("lanes_sweep", self.lanes_sweep)
         if not self.lanes or len(set(self.lanes)) != len(self.lanes):
-            raise ValueError(f"lanes = {shown(list(self.lanes))} must be one or more different whole numbers from 1")
+            raise ValueError(
+                f"lanes = {shown(list(self.lanes))} must be one or more different whole numbers of at least 1"
+            )
 
     def groups(self) -> dict[str, list[Entry]]:
         """Return the entries of the table by heading; those under one heading take turns."""

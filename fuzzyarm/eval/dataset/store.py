@@ -188,19 +188,19 @@ def open_dataset(folder: str | Path) -> Any:
         dataset = minari.MinariDataset(path / _DATA)
         with h5py.File(path / _DATA / "main_data.hdf5") as file:  # Minari reads it with the first episode
             if len(file) != dataset.total_episodes:
-                raise ValueError(f"{len(file)} of {dataset.total_episodes} episodes")
+                raise ValueError(f"it contains {len(file)} of {dataset.total_episodes} episodes")
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
         raise DocumentError(f"{path} is not a data set that Minari can read ({reason}); write it again") from None
     if found is None:
-        raise DocumentError(f"{path} was not written by fuzzyarm dataset")
+        raise DocumentError(f"{path} was not written by fuzzyarm dataset; write one with fuzzyarm dataset --out DIR")
     try:
         schema = instance("metadata", parse_json(found), dict).get("schema")
     except (AttributeError, TypeError, ValueError):
         raise DocumentError(f"{path} does not state its origin; write it again") from None
     if schema != _SCHEMA:
-        raise DocumentError(f"{path} has another version, {shown(schema)}; this one reads {_SCHEMA}: write it again")
+        raise DocumentError(f"{path} has the version {shown(schema)}; this package reads {_SCHEMA}: write it again")
     return dataset
 
 

@@ -64,10 +64,12 @@ def read_rollouts(path: Path) -> list[Rollout]:
     arrays = read_arrays(path)
     missing = [name for name in _FIELDS if f"0.{name}" not in arrays]
     if arrays and missing:
-        raise ValueError(f"{path} is damaged, or of another version of fuzzyarm (its rollouts have no {missing[0]})")
+        raise ValueError(
+            f"{path} is damaged, or was written by another version of fuzzyarm (its rollouts have no {missing[0]})"
+        )
     count = len(arrays) // len(_FIELDS)
     if set(arrays) != {f"{k}.{name}" for k in range(count) for name in _FIELDS}:
-        raise ValueError(f"{path} is damaged (it does not hold the fields of {count} rollouts)")
+        raise ValueError(f"{path} is damaged (its arrays are not the fields of {count} rollouts)")
     try:
         return [_rollout({name: arrays[f"{k}.{name}"] for name in _FIELDS}) for k in range(count)]
     except ValueError as error:
@@ -99,6 +101,6 @@ def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
         unknown = np.isnan(array) if name == "beliefs" else False
         if kind == "f" and name != "step_time" and not (unknown | (np.abs(array) <= _LARGEST)).all():
-            raise ValueError(f"{name} is not finite, or beyond {_LARGEST:g}")
+            raise ValueError(f"{name} must be finite and within ± {_LARGEST:g}")
         values[name] = array.item() if name in _SINGLE else tuple(array.tolist()) if kind == "U" else array
     return Rollout(**values)

@@ -54,8 +54,9 @@ def recheck_results(
     """
     if others := unrelated(f"{results.path} holds results of code", results.config.policies, code):
         raise ValueError(
-            f"--policy {' '.join(others)}: with --check it only permits code, package.module:factory, that the file "
-            f"names, or says where a policy's file is now; {results.path} names {', '.join(results.config.policies)}"
+            f"--policy {' '.join(others)}: with --check, --policy only permits code (package.module:factory) that the "
+            "results name, or gives the new path of a policy's file; the policies of "
+            f"{results.path} are {', '.join(results.config.policies)}"
         )
     names = found_again(results.config.policies, results.made_with["policy_files"], code, results.path.parent)
     _check_files(results, names)
@@ -80,9 +81,8 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
         changed = {file for file in then.keys() | now.keys() if then.get(file) != now.get(file)}
         if changed and now:  # an unknown policy has no files; the error of `evaluate` says more
             raise ValueError(
-                f"policy {spec.name} is not the measured one: {listed(changed)} has another content "
-                f"(SHA-256) than {results.path} records; put the old file back, name it with --policy PATH, "
-                "or evaluate again"
+                f"policy {spec.name} has changed since it was measured: the SHA-256 of {listed(changed)} differs from "
+                f"that in {results.path}. Restore the file, give its path with --policy PATH, or evaluate again"
             )
 
 

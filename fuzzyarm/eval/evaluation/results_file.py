@@ -132,7 +132,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
     if "fuzzyarm" not in read.versions:
         raise KeyError("fuzzyarm")
     if len(rows) != len(labels) * len(config.cases) * config.seeds:
-        raise ValueError(f"{len(rows)} rows do not cover each policy, case and seed once")
+        raise ValueError(f"it has {len(rows)} rows; it must have exactly one for each policy, case and seed")
     planned = [(case, name, seed) for case in config.cases for name in labels for seed in range(config.seeds)]
     for row, episode in zip(rows, planned, strict=True):
         _check_row(row, episode)
@@ -158,7 +158,7 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
         raise ValueError(f"a row lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)
     if identity != episode:
-        raise ValueError(f"where the row of {episode} belongs there is {identity}")
+        raise ValueError(f"its rows are out of order: expected that of {episode}, found {identity}")
     truth("completed", row["completed"])
     for name, value in row.items():
         if name in ("reason", "note"):
@@ -176,10 +176,10 @@ def read_evaluation(folder: Path) -> Results:
     results = read_results(folder)
     made_by = results.made_with["versions"]["fuzzyarm"]
     if made_by != __version__:
-        raise ValueError(f"{results.path} was made by fuzzyarm {made_by}, this is {__version__}; {again}")
+        raise ValueError(f"{results.path} was made by fuzzyarm {made_by}, but this is version {__version__}; {again}")
     rollouts = folder / rollout_file.NAME
     if not rollouts.is_file():
-        raise ValueError(f"{folder} holds {_NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
+        raise ValueError(f"{folder} contains {_NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
     try:
         return _joined(results, rollout_file.read_rollouts(rollouts))
     except ValueError as error:
@@ -192,7 +192,7 @@ def _joined(results: Results, rollouts: list[Rollout]) -> Results:
         raise ValueError(f"{rollout_file.NAME} and {_NAME} come from different evaluations")
     period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != [(*one, period) for one in own]:
-        raise ValueError(f"{rollout_file.NAME} does not hold the episodes of its configuration")
+        raise ValueError(f"{rollout_file.NAME} does not contain the episodes of the configuration")
     for run, row in zip(rollouts, results.rows, strict=True):
         _check_rollout(run, row)
     return dataclasses.replace(results, rollouts=rollouts)
@@ -203,7 +203,7 @@ def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
     for key, value in ({"note": ""} | row_of(run)).items():
         stored = row.get(key, "")
         if not same(value, stored, relative=1e-9):
-            raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored!r}, its rollout has {value!r}")
+            raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored!r}, but its rollout gives {value!r}")
 
 
 def same(one: Any, other: Any, *, relative: float, absolute: float = 0.0) -> bool:

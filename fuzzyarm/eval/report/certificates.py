@@ -85,8 +85,8 @@ def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
             if found.shape == wanted.shape and np.abs(found - wanted).max() < 1e-9:
                 return run
     raise ValueError(
-        f"{check.path}: the evaluation has no episode of {claim.policy} in case {claim.case} along the {claim.path} in "
-        f"{claim.duration:g} s"
+        f"{check.path}: the evaluation has no episode of {claim.policy} in case {claim.case} on the {claim.path} that "
+        f"lasts {claim.duration:g} s; evaluate it, or leave the bound out"
     )
 
 

@@ -186,14 +186,17 @@ def _linearise(arm: _FrozenArm, posture: np.ndarray) -> LocalLoop:
     loop = _equilibrium(arm, first, posture) or _equilibrium(arm, arm.settled(first, _RESTING), posture)
     if loop is None:
         raise ValueError(
-            f"no equilibrium within {_NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
-            "policy not come to rest there?"
+            f"no equilibrium within {_NEWTON_REACH} rad of posture {posture} rad: torques may be clipped, or the "
+            "policy may not come to rest there"
         )
     # The torque must stay below its limits within the steps of the differences as well: a clipped torque has no slope.
     slope = np.abs(loop.law[arm.torque, arm.plant]).max(axis=1)
     if np.any(np.abs(loop.torque) + _PLANT_STEP * slope >= arm.limit):
         limit = tuple(arm.limit.tolist())
-        raise ValueError(f"posture {posture} rad takes {loop.torque} N m of {limit} N m: no linear loop at a limit")
+        raise ValueError(
+            f"posture {posture} rad needs {loop.torque} N m of {limit} N m: the loop cannot be linearised at a "
+            "torque limit"
+        )
     return loop
 
 
@@ -202,10 +205,12 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
     for _ in range(_NEWTON_STEPS):
         loop, kept = arm.linearise(point)
         if not np.isfinite(loop.law).all():
-            raise ValueError(f"near posture {posture} rad the policy fails: its torque or memory is not finite")
+            raise ValueError(f"the policy fails near posture {posture} rad: its torque or memory is not finite")
         matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
         if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
-            raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
+            raise ValueError(
+                f"the numbers overflow at posture {posture} rad: a joint may be too stiff, too damped or too light"
+            )
         near = np.all(np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH)
         if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and near:
             return dataclasses.replace(loop, half_plant=arm.plant_over(0.5 * arm.period, point, loop.torque))
@@ -306,7 +311,9 @@ class _FrozenArm:
         memory = points[:, self.memory] if points.shape[1] > self.states else None
         torque, memory = self.policy.predict(observation, state=memory, deterministic=True)
         if torque.dtype != np.float64 or not isinstance(memory, np.ndarray | None):
-            raise TypeError(f"torque is {torque.dtype}, state {type(memory).__name__}; needed: float64, array or None")
+            raise TypeError(
+                f"torque is {torque.dtype}, state is {type(memory).__name__}; needed: float64, and an array or None"
+            )
         return torque if memory is None else np.hstack([torque, memory])
 
     def _move(self, duration: float, plant_and_torque: np.ndarray) -> np.ndarray:

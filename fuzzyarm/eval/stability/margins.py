@@ -210,10 +210,11 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     def limit(delay: float, side: int) -> float:
         found = limits(delay)[side]
         if math.isnan(found):
-            raise ValueError("unstable with its own loop gain")
+            raise ValueError("unstable at its own loop gain")
         if found in (0.0, math.inf):
             raise ValueError(
-                f"stable {'up' if found else 'down'} to {GAIN_SPAN if found else 1 / GAIN_SPAN:g} times its loop gain"
+                f"stable at every loop gain tried, {'up' if found else 'down'} to "
+                f"{GAIN_SPAN if found else 1 / GAIN_SPAN:g} times its own"
             )
         return found
 

@@ -111,7 +111,9 @@ class SweepConfig:
         self._check_map()
         if self.plants > 1 and not self.drawn().varying(self.joints):
             where, what = (" in each cell", "nothing else") if self.grid else ("", "nothing")
-            raise ValueError(f"plants = {self.plants}{where} would repeat the same run: {what} varies")
+            raise ValueError(
+                f"plants = {self.plants}{where} would repeat one run, because {what} varies; use plants = 1"
+            )
 
     def _check_grid(self) -> None:
         names = [axis.quantity for axis in self.grid]
@@ -124,14 +126,16 @@ class SweepConfig:
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
             if name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
-                raise ValueError(f"grid over delay: {number} values are not whole control periods")
+                raise ValueError(f"grid over delay: its {number} values must be whole numbers of control periods")
 
     def _check_map(self) -> None:
         texts("map", self.map)
         if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
             raise ValueError(f"map = {list(self.map)} must be two different columns, or none")
         if self.map and self.grid:
-            raise ValueError(f"map = {list(self.map)}: the heat maps of a grid are over its own two quantities")
+            raise ValueError(
+                f"map = {list(self.map)}: with a grid, the heat maps are over its two quantities; leave out map"
+            )
         for column in self.map:
             choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
 

@@ -111,7 +111,7 @@ class Sweep:
         """
         path, given = path_of("folder", folder) / _RUN, dict(given or {})
         if not path.is_file():
-            raise ValueError(f"{folder} holds no sweep to resume: {_RUN} is missing; begin one without --resume")
+            raise ValueError(f"{folder} holds no sweep to resume: {_RUN} is missing; start one without --resume")
         config, then, digest = read_checked(path, SCHEMA, "start again in another folder", _begun)
         if digest != _digest_of(then):
             raise ValueError(f"{path} was changed after the sweep began: start again in another folder")
@@ -129,7 +129,7 @@ class Sweep:
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
         if changed := _difference(then, _identity_of(config, specs)):
             raise ValueError(
-                f"{folder} was begun with other versions, code, cases or policy files than now ({changed}), "
+                f"{folder} was started with different versions, code, cases or policy files ({changed}), "
                 "and results must not be mixed: start again in another folder"
             )
         return cls._loaded(Path(folder), config, specs, digest)
@@ -166,7 +166,7 @@ class Sweep:
         """Return the results of the whole sweep; ValueError if a chunk is missing or damaged."""
         done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
         if missing := self.config.chunks - len(done):
-            raise ValueError(f"{self.folder} lacks {missing} chunks: --resume runs them")
+            raise ValueError(f"{self.folder} has no results of {missing} chunks: --resume runs them")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
@@ -207,7 +207,7 @@ class Sweep:
 
     def _load(self, number: int) -> SweepResults | None:
         """Return the results of a chunk, None if it has not been run; ValueError for a damaged or foreign file."""
-        path, again = self._path(number), "delete it, and --resume runs it again"
+        path, again = self._path(number), "delete it, then --resume runs that part again"
         if not path.exists():
             return None
         try:
@@ -215,7 +215,7 @@ class Sweep:
         except ValueError as error:  # it names the file
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
-            raise ValueError(f"{path} belongs to another sweep than {self.folder / _RUN}: {again}")
+            raise ValueError(f"{path} belongs to a different sweep from {self.folder / _RUN}: {again}")
         return SweepResults.of(arrays)
 
 
@@ -225,8 +225,8 @@ def _run_chunk(
     """Run a chunk in this process; ValueError if its versions and sources are not those needed."""
     if found := _difference(_made_with(), needed):
         raise ValueError(
-            f"a worker has other versions than the process that runs the sweep ({found}): install the same on all, "
-            "and change no source while it runs"
+            f"the versions of a worker differ from those of the process that runs the sweep ({found}): install the "
+            "same versions on all machines, and change no source during the sweep"
         )
     return run_plants(config, policies, config.members(number))
 

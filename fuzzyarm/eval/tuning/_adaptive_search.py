@@ -161,7 +161,9 @@ def _feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
         if np.all(np.abs(torque) + push <= _FEASIBLE * np.array(arm.torque_limit)):
             kept.append(reference)
     if not kept:
-        raise ValueError("the motors are too weak for every path of the family under the heaviest load")
+        raise ValueError(
+            "the motors are too weak for the heaviest load on any of the reference paths; raise torque_limit"
+        )
     return tuple(kept)
 
 

@@ -71,7 +71,9 @@ def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
         ValueError: the folder is not empty, or the arm cannot hold itself.
     """
     if str(folder) in shipped_robots():
-        raise ValueError(f"{folder} is also the name of a robot, which --robot would take; choose another name")
+        raise ValueError(
+            f"{folder} is also the name of a robot, and --robot would choose that robot; choose another name"
+        )
     if any(folder.iterdir()):
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
@@ -98,7 +100,7 @@ def _check_strength(arm: AnyArm) -> None:
     if share[joint] >= 1.0:
         raise ValueError(
             f"the arm cannot hold itself: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m against "
-            f"gravity on its path, its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or lengths"
+            f"gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or lengths"
         )
 
 
@@ -108,7 +110,7 @@ def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
         raise ValueError(f"{folder} holds no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
     if arm is not None and robot_of(arm).digest != robot_of(own).digest:
-        raise ValueError(f"{folder} is the tuning of another arm; leave out --robot, or choose another folder")
+        raise ValueError(f"{folder} was tuned for another arm; leave out --robot, or choose another folder")
     return own
 
 
@@ -161,8 +163,8 @@ def tune(
     if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
         raise NothingFound(
-            f"no policy has stable gains for this arm ({reasons}); fuzzyarm design --robot names the number in the "
-            "way, and with --control-period designs for a faster loop"
+            f"no policy has stable gains for this arm ({reasons}); fuzzyarm design --robot names the limiting "
+            "parameter, and with --control-period it designs for a faster loop"
         )
     laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())

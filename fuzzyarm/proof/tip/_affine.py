@@ -253,7 +253,7 @@ class Affine:
         """Return floats that enclose the number from both sides; `NoBound` if it is unbounded."""
         radius = self.reach() + self.rest
         if not abs(self.middle) + radius < math.inf:
-            raise NoBound("a number of the law is unbounded")
+            raise NoBound("a number inside the law has no bound")
         if radius > 0.0:
             radius = radius * _UP + _ROUND * abs(self.middle)
         return self.middle - radius, self.middle + radius
@@ -328,7 +328,7 @@ class Affine:
 
     def _turned(self, function: _Bend) -> Affine:
         if not self.largest() < _FARTHEST:
-            raise NoBound(f"the law asks for the sine of an angle beyond {_FARTHEST:g} rad")
+            raise NoBound(f"the law takes the sine or cosine of an angle that may exceed {_FARTHEST:g} rad")
         return _bent(function, self)
 
     sin = functools.partialmethod(_turned, _SINE)
@@ -394,8 +394,8 @@ class _Undecided:
 
     def __bool__(self) -> bool:
         raise NoBound(
-            "the law has a corner where the arm may be: it compares numbers of which either may be the larger one, "
-            "such as a torque and its limit"
+            "a comparison of the law is undecided: either of two numbers may be the larger one, such as a torque and "
+            "its limit"
         )
 
     def __and__(self, other: Any) -> Any:
@@ -470,7 +470,7 @@ class _Places:
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
         """Map the values, combined with others; `NoBound` if these depend on another floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
-            raise NoBound("the law looks up a table by two numbers at once, of which neither row is decided")
+            raise NoBound("the law looks up a table by two numbers, and the rows of both are undecided")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
         return _Places(self.source, map(operation, self.values, *columns))
 
@@ -478,7 +478,7 @@ class _Places:
         return self.each(operator.neg)
 
     def __bool__(self) -> bool:
-        raise NoBound("the law rounds a number to a whole one, and a step is where the arm may be")
+        raise NoBound("the law rounds a number to a whole number, and the result is undecided")
 
     __float__ = __bool__
 
@@ -532,7 +532,7 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:
-        raise NoBound("the law predicts a motion whose duration is not known, or whose friction may be negative")
+        raise NoBound("the law predicts a motion whose duration is uncertain, or whose friction may be negative")
     floats = 2.0**-47 * (v.largest() + h * (a.largest() + f.largest()))
     for side in (1.0, -1.0):
         after = v + h * (a - side * f)

@@ -69,7 +69,8 @@ class StartBox:
         if len(words) > 1 or path.suffix not in (".toml", ".json"):
             names = ", ".join(field.name for field in dataclasses.fields(cls))
             raise ValueError(
-                f"start = {checks.shown(' '.join(words))} must be a .toml or .json file, or numbers: {names}"
+                f"start = {checks.shown(' '.join(words))} must be a .toml or .json file, or one number for each of "
+                f"{names}"
             )
         try:
             return record(read_toml(path) if path.suffix == ".toml" else read_json(path), cls)

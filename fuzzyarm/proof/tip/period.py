@@ -79,7 +79,7 @@ class Period:
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
-            raise NoBound("a plan that is not for any friction")
+            raise NoBound("the set has any friction, but a friction plan of the file assumes a friction law")
         try:
             return self._closed(start, known, list(claim.plans), claim.tube)
         except PlanFails as failed:
@@ -94,7 +94,7 @@ class Period:
             except PlanFails as failed:
                 certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
                 plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
-        raise NoBound("the plans of the friction contradict each other")
+        raise NoBound("no combination of friction plans is consistent")
 
     def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
         if friction == "any":
@@ -137,7 +137,7 @@ class Period:
                 drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
                 return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
             if claimed is not None:
-                raise NoBound(f"the claimed tube is left in row {int(np.argmax(reached - tube))}")
+                raise NoBound(f"the motion may leave the claimed tube, in row {int(np.argmax(reached - tube))}")
             if not (reached[ROWS.theta].max() < _LARGEST and reached[ROWS.link].max() < _LARGEST):
                 break
             tube = np.maximum(tube, reached * 1.02 + 1e-15)

@@ -158,7 +158,9 @@ def _checked(name: str, given: Any) -> Any:
     low, high, unit = ALLOWED[name]
     if name in BY_JOINT and isinstance(given, list | tuple) and any(isinstance(part, list | tuple) for part in given):
         if len(given) != JOINTS:
-            raise ValueError(f"{name} = {checks.shown(given)} must be one range (low, high), or one for each joint")
+            raise ValueError(
+                f"{name} = {checks.shown(given)} must be one range (low, high), or one range for each joint"
+            )
         parts = [
             checks.interval(f"{name}, joint {j + 1}", part, unit, low=low, high=high) for j, part in enumerate(given)
         ]
@@ -189,7 +191,9 @@ def check_set_name(name: str, plants: PlantSet) -> None:
     if not (isinstance(name, str) and 0 < len(name) <= _LONGEST_LABEL and name.isascii() and name.isprintable()):
         raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {_LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:
-        raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
+        raise ValueError(
+            f"set_name = {checks.shown(name)}, but the ranges are not those of this set; choose another name"
+        )
 
 
 def exactly(value: float) -> str:
@@ -204,7 +208,7 @@ def find_set(name: str | Path) -> PlantSet:
         return SETS[str(name)]
     path = Path(name)
     if path.suffix != ".toml":
-        raise ValueError(f"unknown set {checks.shown(str(name))}; choose from: {', '.join(SETS)}, or name a .toml file")
+        raise ValueError(f"unknown set {checks.shown(str(name))}; choose from: {', '.join(SETS)}, or give a .toml file")
     values = read_toml(path)
     try:
         return record(values, PlantSet)

@@ -35,9 +35,9 @@ _RUNS = 6  # runs that show which parts of the memory depend on the measurements
 
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
-    "by a covariance that it remembers, and are cut by a gate and a dead zone, which are not decided on a tube",
-    LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance that it "
-    "remembers, makes choices by it that are not decided on a tube, and its gates multiply what they remember",
+    "by a covariance in its memory and pass a gate and a dead zone, whose branches are undecided on a tube",
+    LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance in its "
+    "memory and branches on it, which is undecided on a tube, and the gates of its network multiply their memory",
 }
 """The reason why there is no bound, by the class of policies that derive from one with a bound."""
 
@@ -56,7 +56,7 @@ class SampledLaw:
     def __init__(self, policy: Policy, references: np.ndarray) -> None:
         """Take a policy and the references (samples, 6) of its observations; `NoBound` if it has no enclosure."""
         if type(policy) in _UNKNOWN:
-            raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
+            raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has a bound")
         law = law_of(policy)
         if law is None:
             raise NoBound(
@@ -98,7 +98,7 @@ class SampledLaw:
         try:
             return _spelt_out(space, self._answer(k, space, point))
         except TypeError as error:
-            raise NoBound(f"the law computes what has no enclosure: {error}") from error
+            raise NoBound(f"the law uses an operation that cannot be enclosed: {error}") from error
         finally:
             RECORDERS.pop()
 
@@ -113,7 +113,9 @@ class SampledLaw:
         numbers, own = [*_numbers((after,))], set(self.remembered.tolist())
         for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
             if place not in own and (isinstance(number, Affine) or number != held):
-                raise NoBound("the law's memory differs from that of a separate run")
+                raise NoBound(
+                    "the part of the law's memory that depends on references alone differs from that of a separate run"
+                )
         return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
 
 
@@ -138,7 +140,7 @@ def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
         rest += missed
     rest *= ROUND_UP
     if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
-        raise NoBound("the law's answer is not a finite number")
+        raise NoBound("the torque or the memory of the law has no finite enclosure")
     beside = rest > WORTH * total  # worth columns; the rest of the others is a box
     columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
     return Response(middle, columns, np.where(beside, 0.0, rest))

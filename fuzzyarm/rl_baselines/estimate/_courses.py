@@ -131,8 +131,8 @@ def _draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> 
             scenarios.append(Scenario(load, reference))
     if len(scenarios) < count:
         raise ValueError(
-            f"of {_TRIES * count} courses and loads the motors bear only {len(scenarios)}; raise torque_limit of the "
-            "arm"
+            f"only {len(scenarios)} of {_TRIES * count} random motions and loads stay within the motors' torque "
+            "limits; raise the arm's torque_limit"
         )
     return scenarios
 

@@ -138,7 +138,11 @@ def test_points_of_a_file_are_followed(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.csv", "\n0.4,0.5\n0.5,x\n", "line 3, cell 2 is 'x'; needed: x,y or x,y,z in metres"),
+        (
+            "a.csv",
+            "\n0.4,0.5\n0.5,x\n",
+            "line 3, cell 2 is 'x', not a number; each line must be x,y or x,y,z in metres",
+        ),
         ("a.csv", "O.4,0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'O.4'"),
         ("a.csv", "x;y\n0.4;0.5\n0.5;0.6\n", "line 1, cell 1 is 'x;y'"),
         ("a.csv", "x,y\n0.4,0.5\nx,y\n0.5,0.4\n", "line 3, cell 1 is 'x'"),

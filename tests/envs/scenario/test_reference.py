@@ -144,7 +144,7 @@ BAD = [
     ({"duration": 0.0}, r"duration = 0\.0.*; allowed: \[1e-06, 1e\+06\] s"),
     ({"elbow_sign": 0}, r"elbow_sign = 0 is out of range; allowed: 1 \(q2 > 0\) or -1"),
     ({"path": "circle"}, r"path = 'circle' must have a method points\(s\)"),
-    ({"path": Own(np.copy, np.copy, np.copy)}, "gave shape"),
+    ({"path": Own(np.copy, np.copy, np.copy)}, "returned p of shape"),
     ({"path": Own(list, lambda s: [1.0, [2.0]], list)}, r"needed: arrays of p, dp/ds and d²p/ds²"),
 ]
 

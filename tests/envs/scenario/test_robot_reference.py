@@ -197,7 +197,7 @@ FAR = Line((2.0, 0.0, 0.0), (1.0, 0.0, 0.0))
 BESIDE = Line(tuple(start_of(PLANAR)), tuple(np.add(start_of(PLANAR), (0.0, 0.1, 0.05))))
 BAD = [
     ({"path": 3.0}, TypeError, r"path = 3\.0 must have a method points"),
-    ({"path": Circle()}, ValueError, r"gave shape .* allowed: \(2001, 3\)"),
+    ({"path": Circle()}, ValueError, r"returned p of shape .* allowed: \(2001, 3\)"),
     ({"posture": (0.0,) * 5}, ValueError, r"posture = .* must be 6 real numbers"),
     ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, ValueError, r"posture: elbow\w* = 9 rad is out of range"),
     ({"orientation": "fixed"}, ValueError, r"orientation = 'fixed' is unknown; choose from: constant, free"),

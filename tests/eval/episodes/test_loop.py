@@ -175,7 +175,7 @@ def test_a_controller_is_a_policy_as_its_file_is():
     assert load_policy(dataclasses.replace(SHIPPED, gamma=0.5 * SHIPPED.gamma), allow_unproven=True).joints == 2
     with pytest.raises(ControllerFileError, match=r"^the controller was designed for another robot \(mass differ"):
         load_policy(SHIPPED, robot=OTHER)
-    with pytest.raises(TypeError, match="a policy is a name, a path or a controller; int was given"):
+    with pytest.raises(TypeError, match="a policy must be a name, a path or a controller, not int"):
         load_policy(3)
 
 
@@ -345,7 +345,7 @@ def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_o
     write_rollouts([run], tmp_path)
     assert read_rollouts(tmp_path / "rollouts.npz")[0].note == said
     _check_stored(run, row)
-    with pytest.raises(ValueError, match="note of own in case nominal is 'all is well', its rollout has"):
+    with pytest.raises(ValueError, match="note of own in case nominal is 'all is well', but its rollout gives"):
         _check_stored(run, row | {"note": "all is well"})
     assert said in belief_section([run])
 

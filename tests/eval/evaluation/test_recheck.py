@@ -131,7 +131,7 @@ def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
     capsys.readouterr()
     shutil.copy(SHIPPED / "fuzzy-2.json", mine)
     assert main(["evaluate", "--check", "results.json"]) == 2
-    assert "mine.json-tip is not the measured one: mine.json has another content" in one_line_error(capsys)
+    assert "mine.json-tip has changed since it was measured: the SHA-256 of mine.json differs" in one_line_error(capsys)
     mine.unlink()
     assert main(["evaluate", "--check", "results.json"]) == 2
     assert "mine.json-tip is neither in the current folder nor beside the results" in one_line_error(capsys)
@@ -165,7 +165,7 @@ def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsy
     assert main(check) == 0
     capsys.readouterr()
     assert main([*check, "--policy", str(elsewhere / "other.json")]) == 2
-    assert "or says where a policy's file is now" in one_line_error(capsys)
+    assert "or gives the new path of a policy's file" in one_line_error(capsys)
 
 
 def test_a_file_alone_runs_no_code(folder, capsys, short):
@@ -179,13 +179,13 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     assert main(arguments) == 2
     assert f"if you trust it, add --policy {name}" in one_line_error(capsys)
     assert main([*arguments, "--policy", name, "--policy", "my_checked:Other"]) == 2
-    assert "--policy my_checked:Other: with --check it only permits code" in one_line_error(capsys)
+    assert "--policy my_checked:Other: with --check, --policy only permits code" in one_line_error(capsys)
     assert "my_checked" not in sys.modules
     assert main([*arguments, "--policy", name]) == 0
     assert "rows agree" in capsys.readouterr().out
     source.write_text(LAW + "# changed\n")
     assert main([*arguments, "--policy", name]) == 2
-    assert f"policy {name} is not the measured one: my_checked.py" in one_line_error(capsys)
+    assert f"policy {name} has changed since it was measured: the SHA-256 of my_checked.py" in one_line_error(capsys)
     del sys.modules["my_checked"]
 
 
@@ -210,11 +210,14 @@ BROKEN = {
     "no certificates": (replaced(["certificates"], {}), "'fuzzy-4' is missing"),
     "a policy": (replaced(["config", "policies", 0], 4), "got `int` at `config.policies[0]`"),
     "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),
-    "many seeds": (replaced(["config", "seeds"], 10**12), "4 rows do not cover each policy, case and seed once"),
+    "many seeds": (replaced(["config", "seeds"], 10**12), "it has 4 rows; it must have exactly one for each"),
     "noise": (replaced(["config", "encoder_noise"], [-1.0, 0.0]), "EncoderNoise.position = -1.0"),
     "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass[0] = "),
     "an unknown key of the arm": (replaced(["config", "parameters", "colour"], "red"), "unknown field colour"),
-    "a row of another": (replaced(["results", 0, "seed"], 1), "where the row of ('nominal', 'fuzzy-4', 0) belongs"),
+    "a row of another": (
+        replaced(["results", 0, "seed"], 1),
+        "out of order: expected that of ('nominal', 'fuzzy-4', 0)",
+    ),
     "no error": (replaced(["results", 0, "tip_error_rms_mm"], None), "a row lacks tip_error_rms_mm"),
     "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) = 'much'"),
     "infinity": (replaced(["results", 0, "energy"], float("inf")), "Infinity is not a JSON number"),
@@ -238,7 +241,7 @@ def test_what_is_no_document_or_not_there_is_one_line(folder, capsys, content):
     path = folder / "results.json" if content is None else write(folder, content)
     assert main(["evaluate", "--check", str(path)]) == 2
     error = one_line_error(capsys)
-    assert str(path) in error and (content is not None or "is not there; make it again with" in error)
+    assert str(path) in error and (content is not None or "does not exist; make it again with" in error)
 
 
 def test_an_unknown_policy_is_named(folder, document, capsys):

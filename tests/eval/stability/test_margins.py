@@ -93,7 +93,7 @@ def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
     row = policy_margins(Springs(lambda *_: ()), ARM, 1e-3)
     assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
     assert set(row["reasons"]) == {*row["spectral_radius"], *row["loop_gain"]}
-    assert all("state tuple; needed: float64, array or None" in reason for reason in row["reasons"].values())
+    assert all("state is tuple; needed: float64, and an array or None" in reason for reason in row["reasons"].values())
     rows = [{"policy": "p", **row}]
     assert margin_cells(rows)[1] == [["p", *["-"] * 11]]
     assert len(margin_notes(nominal() | {"rows": rows})) == 3  # one reason, told once
@@ -103,12 +103,12 @@ def test_a_gain_without_limit_is_none() -> None:
     """Springs without integral bear any smaller gain."""
     row = policy_margins(Springs(), ARM, 1e-3)
     assert row["loop_gain"]["lower"] is None and row["loop_gain"]["upper"] > 2.0
-    assert row["reasons"] == {"lower": "stable down to 0.01 times its loop gain"}
+    assert row["reasons"] == {"lower": "stable at every loop gain tried, down to 0.01 times its own"}
 
 
 def test_two_files_of_one_name_would_be_one_row(tmp_path: Path) -> None:
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
-    with pytest.raises(ValueError, match="two of them share a name"):
+    with pytest.raises(ValueError, match="two of them have the same name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
 
 

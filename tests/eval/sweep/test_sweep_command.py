@@ -101,7 +101,7 @@ def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folde
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
     capsys.readouterr()
     (folder / "chunks" / "000000.npz").write_bytes((other / "chunks" / "000000.npz").read_bytes())
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "belongs to another sweep")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "belongs to a different sweep")
 
 
 def run_file(change):
@@ -135,7 +135,7 @@ def test_what_does_not_belong_to_a_sweep_is_not_mixed_in(folder, capsys, change,
 def test_versions_are_not_mixed(folder, capsys, monkeypatch):
     newer = run._made_with() | {"code": "another"}
     monkeypatch.setattr(run, "_made_with", lambda: newer)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "than now (made_with: code ")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "or policy files (made_with: code ")
 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):

@@ -99,4 +99,4 @@ def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys, short):
     package(tmp_path, "swept_twice", share=0.998)
     assert main(["sweep", "--resume", "--policy", policy, "--out", "sweep"]) == 2
     error = capsys.readouterr().err
-    assert "than now (policies: swept_twice.law:make: swept_twice/gains.py" in error
+    assert "or policy files (policies: swept_twice.law:make: swept_twice/gains.py" in error

@@ -124,7 +124,10 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
         return _run_chunk(config, policies, needed | {"numpy": "1.0"}, number)
 
     monkeypatch.setattr(run, "_run_chunk", newer)
-    with pytest.raises(ValueError, match=r"other versions than the process that runs the sweep \(numpy .* and 1\.0\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"versions of a worker differ from those of the process that runs the sweep \(numpy .* and 1\.0\)",
+    ):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
 
@@ -204,7 +207,7 @@ def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_s
     Sweep.begin(tmp_path, config)
     assert Sweep.resume(tmp_path).config == config
     CASES["pushed"] = dataclasses.replace(PUSHED, disturbance=Disturbance())
-    with pytest.raises(ValueError, match=r"begun with other .*\(cases: pushed"):
+    with pytest.raises(ValueError, match=r"started with different .*\(cases: pushed"):
         Sweep.resume(tmp_path)
     del CASES["pushed"]
     with pytest.raises(ValueError, match=r"unknown case 'pushed'.*add_case adds another"):

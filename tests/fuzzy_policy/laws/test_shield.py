@@ -138,9 +138,9 @@ def test_an_observer_is_not_written_in_float_because_it_is_a_guest(tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("shield:fuzzy-4-tip:any:4,2", "is every guest, which fuzzyarm prove takes"),
+        ("shield:fuzzy-4-tip:any:4,2", "stands for every guest, which only fuzzyarm prove accepts"),
         ("shield:fuzzy-4-tip:ppo-robust:4", "must be 2 real numbers"),
-        ("shield:fuzzy-4-tip:ppo-robust:a,b", "its margin 'a,b' must be a torque for each joint"),
+        ("shield:fuzzy-4-tip:ppo-robust:a,b", "its margin 'a,b' must be one torque for each joint"),
         ("shield:fuzzy-4-tip:ppo-robust:-1,2", r"margin\[0\] = -1.0 N m is out of range"),
         ("shield:fuzzy-4-tip:os:getcwd:4,2", "names code, which load_policy does not run"),
         ("shield:os:ppo-robust:4,2", "unknown policy 'os'"),

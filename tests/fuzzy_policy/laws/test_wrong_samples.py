@@ -36,7 +36,7 @@ def refused(policy, state):
             bad[1, entry] = number
             part = f"{Observation._fields[entry // 2]} of joint {entry % 2 + 1}"
             said = re.escape(
-                f"observation[1, {entry}] = {number}, {part}, is not finite; hold the last torques and keep"
+                f"observation[1, {entry}] = {number} ({part}) is not finite; apply the last torques again and keep"
             )
             with pytest.raises(ValueError, match=f"^{said} the state$"):
                 policy.predict(bad, state)
@@ -83,5 +83,5 @@ def test_what_is_no_state_is_refused_by_name():
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
             use(state)
         assert "\n" not in str(caught.value)
-    with pytest.raises(ValueError, match=r"^observation\[3\] = nan, dq_motor of joint 2, is not finite"):
+    with pytest.raises(ValueError, match=r"^observation\[3\] = nan \(dq_motor of joint 2\) is not finite"):
         ADAPTIVE.predict(np.where(np.arange(10) == 3, np.nan, SEEN[0, 0]))

@@ -27,7 +27,7 @@ def test_cells_cover_the_set_and_each_is_needed():
 def test_the_range_of_one_joint_alone_can_be_divided():
     parts = list(cells(WIDE, [("mass-2", 4)]))
     assert [part.of_joint("mass", 0) for part in parts] == [(0.95, 1.05)] * 4 and WIDE.hole(parts) is None
-    with pytest.raises(ValueError, match="divided already"):
+    with pytest.raises(ValueError, match="divides already"):
         list(cells(WIDE, [("mass", 2), ("mass-2", 4)]))
 
 

@@ -16,7 +16,7 @@ from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.proof.tip.transition import ROW_COUNT
 
 STEPS, AT = 8, 5
-LEFT, LARGER, ERRS = "the claimed tube is left in row", "a bound of the tip is larger", "the tip may err by"
+LEFT, LARGER, ERRS = "may leave the claimed tube, in row", "a bound of the tip is larger", "the tip may err by"
 PLANTS = PlantSet(
     mass=(0.998, 1.002), motor_inertia=(0.995, 1.005), stiffness=(0.99, 1.01), damping=(0.95, 1.05),
     dry_friction=(0.9, 1.1), viscous_friction=(0.9, 1.1), payload=(0.0, 0.01), force=(0.99, 1.01), force_swing=0.01,
@@ -80,7 +80,13 @@ WIDER = {
 def test_a_wider_set(true, twin, tmp_path, name):
     """The tube of a set is not one of a wider set, field by field."""
     claim = dataclasses.replace(true.claim, plants=dataclasses.replace(PLANTS, **{name: WIDER[name]}))
-    reasons = LEFT, LARGER, "the plan of motor", "a plan that is not for any friction", "may reach its limit"
+    reasons = (
+        LEFT,
+        LARGER,
+        "the plan of motor",
+        "a friction plan of the file assumes a friction law",
+        "may reach its limit",
+    )
     refused(dataclasses.replace(true, claim=claim), twin, tmp_path / "forged.json", *reasons)
 
 

@@ -109,14 +109,14 @@ def test_a_box_is_read_said_and_spanned(tmp_path):
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["--start", "1", "2"], "must be a .toml or .json file, or numbers: angle, bending,"),
+        (["--start", "1", "2"], "must be a .toml or .json file, or one number for each of angle, bending,"),
         (["--start", "5e-4", "0", "0", "0", "-1"], "memory = -1.0"),
         (["--start", "no.toml"], "no.toml"),
         (["--start", "x", "0", "0", "0", "0"], "start: could not convert"),
-        (["--laps", "ever", "--steps", "3"], "laps for ever are whole"),
-        (["--laps", "ever", "--path", "line"], "choose a closed path"),
+        (["--laps", "ever", "--steps", "3"], "laps = ever needs whole laps"),
+        (["--laps", "ever", "--path", "line"], "needs a closed path"),
         (["--path", "cube"], "path = 'cube'"),
-        (["--robot", "ur5"], "two-joint arm alone"),
+        (["--robot", "ur5"], "only two-joint arms have bounds"),
     ],
 )
 def test_bad_starts_laps_and_arms_are_one_line(words, why, capsys):
@@ -153,7 +153,7 @@ def test_a_containment_that_is_false_is_refused(tmp_path):
     one = find_bound(TipClaim("fuzzy-4-tip", duration=0.06, points=GivenPath(tuple(ring), closed=True, duration=0.06)))
     last = {field.name: getattr(one, field.name) for field in dataclasses.fields(_Lap)}
     for size, why in (
-        (1e-16, "is not in the set in which the next begins"),
+        (1e-16, "is not inside the set in which the next lap begins"),
         (1e-3, "no bound beyond lap 2, t = 0.000"),
     ):
         begin = LapSet(one.steps[-1].segments[-1].end, np.zeros(2), NONE, np.zeros((10, 0)), size * np.eye(10))

@@ -40,7 +40,7 @@ def known(name):
 
 
 def near(law, k):
-    """Return a point (θ, θ̇, m) where the arm may be at a sample, and how far it may be from there."""
+    """Return a point (θ, θ̇, m) undecided at a sample, and how far it may be from there."""
     *_, one, other = law._held[k][2:5, law.remembered]
     away = np.random.default_rng(k).normal(size=4) * [1e-4, 1e-4, 1e-2, 1e-2]
     units = np.concatenate([[1e-4, 1e-4, 1e-2, 1e-2], np.abs(one - other)])
@@ -152,7 +152,7 @@ def test_a_law_that_jumps_has_no_bound(step):
 
     law = SampledLaw(Own(jumps), REFERENCES[:3])
     assert law.respond(0, np.array([0.3, 0.0, 0.5, 0.0]), seen).middle[1] == 0.0
-    with pytest.raises(NoBound, match="where the arm may be"):
+    with pytest.raises(NoBound, match="undecided"):
         law.respond(0, np.array([0.3, 0.0, 0.0, 0.0]), seen)
 
 

@@ -59,7 +59,7 @@ def test_a_file_for_a_wider_margin_or_another_law_is_refused(bound, tmp_path):
     content = json.loads((tmp_path / "forged.json").read_text())
     content["policy"] = "shield:fuzzy-4-tip:any:4,2.1"
     (tmp_path / "forged.json").write_text(json.dumps(content))
-    assert "the claimed tube is left" in check_bound(tmp_path / "forged.json").reason
+    assert "may leave the claimed tube" in check_bound(tmp_path / "forged.json").reason
 
 
 def test_a_narrow_tube_without_a_guest_does_not_prove_a_shield(tmp_path):

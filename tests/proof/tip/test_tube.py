@@ -156,7 +156,7 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
         assert not found["proven"] and why in found["reason"]
     out.write_text(json.dumps(sound | {"cells": ["../loads-001.json"]}))
     assert main(["verify", str(out)]) == 2
-    assert "same folder" in one_line_error(capsys)
+    assert "without a folder" in one_line_error(capsys)
 
 
 @pytest.mark.slow

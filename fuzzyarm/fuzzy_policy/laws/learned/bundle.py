@@ -116,7 +116,7 @@ def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
 
     length = int.from_bytes(content[:_LENGTH], "little")  # of the header: a mapping as JSON, one entry for each tensor
     if length > _LARGEST_HEADER:
-        raise ValueError(f"{WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
+        raise ValueError(f"{WEIGHTS} is damaged: its header has {length} bytes; allowed: at most {_LARGEST_HEADER}")
     try:
         parse_json(content[_LENGTH : _LENGTH + length])  # refuses what occurs twice, which the library does not
         tensors: dict[str, np.ndarray] = load(content)

@@ -8,8 +8,8 @@ with s(x) = asinh(x)/c, which is linear for small errors and compresses large on
 
     x_(k+1) = (x_k + T e_k) exp(-T/τ).
 
-With an elastic target the errors are e = θ_d - q_a, ė = θ̇_d - q̇_a, where θ_d are the angles at which the motors of the
-unloaded arm belong (`fuzzy_policy.laws.elastic_target`), and f_k ends with the torque in excess of what that arm needs,
+With an elastic target the errors are e = θ_d - q_a, ė = θ̇_d - q̇_a, where θ_d are the angles of the motors of the
+unloaded arm (`fuzzy_policy.laws._elastic_target`), and f_k ends with the torque in excess of what that arm needs,
 
     (..., w_(k-1)/U, ..., w_(k-m)/U),    w_k = u_k - u_ff,k,
 

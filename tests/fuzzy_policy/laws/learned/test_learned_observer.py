@@ -234,7 +234,7 @@ def test_a_bundle_of_a_robot_is_refused_for_any_other(tmp_path):
     EstimateBundle(estimate_network(3, 3), ArmDefinition(PLANAR.name, PLANAR.digest), PERIOD).save(folder)
     assert EstimateBundle.load(folder).serves(dataclasses.replace(PLANAR, name="the same numbers"))
     for robot in ("ur5", "paper", dataclasses.replace(PLANAR, gravity=(9.8, 0.0, 0.0))):
-        with pytest.raises(ValueError, match="mine was trained on planar-3r and works on no other; use adaptive-obs"):
+        with pytest.raises(ValueError, match="mine was trained on planar-3r and works only on it; use adaptive-obs"):
             load_policy(folder, robot=robot)
 
 

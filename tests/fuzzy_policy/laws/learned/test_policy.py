@@ -107,7 +107,7 @@ def test_a_folder_is_the_policy_it_holds_and_its_base_comes_with_it(tmp_path, ac
     bundle(ActionDefinition((0.01, 0.01), base="/somewhere/else.json")).save(tmp_path / "strange")
     with pytest.raises(ValueError, match="which is not one of: fuzzy-32"):
         load_policy(tmp_path / "strange")
-    with pytest.raises(ValueError, match=r"is not a policy, whose folder holds policy\.json and weights"):
+    with pytest.raises(ValueError, match=r"is not a policy folder, which must contain policy\.json and weights"):
         load_policy(tmp_path)
 
 
@@ -153,8 +153,8 @@ def test_a_bundle_is_for_its_arm_alone(tmp_path):
     robot_bundle(Robot.of(OTHER_ARM)).save(tmp_path / "other")
     assert load_policy(tmp_path / "other", robot=OTHER_ARM).parameters == OTHER_ARM
     for policy, robot, message in (
-        (mine, "ur5", r"^mine was trained on planar-3r and works on no other"),
-        (mine, "paper", r"^mine was trained on planar-3r and works on no other"),
+        (mine, "ur5", r"^mine was trained on planar-3r and works only on it"),
+        (mine, "paper", r"^mine was trained on planar-3r and works only on it"),
         (mine, dataclasses.replace(ROBOT, gravity=(9.8, 0.0, 0.0)), "^mine was trained on planar-3r"),
         (tmp_path / "red", "ur5", r"red was trained on \\x1b"),
         (tmp_path / "other", None, "other was trained on two-joint arm"),
