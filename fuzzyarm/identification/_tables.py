@@ -6,7 +6,10 @@ columns is left to `reading`. No file is unpickled, and no definition of a messa
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import dataclasses
+import datetime
 import io
 import itertools
 import math
@@ -29,12 +32,15 @@ _MOST_STATES, _MOST_COLUMNS = 400_000, 1000
 _MOST_NUMBERS = 32_000_000
 _FEWEST_COLUMNS = 3  # time, an angle and a torque
 _PROBED = 50  # lines in the middle, by which delimiter and decimal mark are found
+_STEADY = 3  # lines of numbers in a row with which the table begins
 _AGREE = 0.8  # share of these lines
 _FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the folder of a ROS 2 bag"
 _BAG = (".mcap", ".db3")
+_SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), a column of q and tau a joint"
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
 _UNIT = re.compile(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*")
+_CLOCK = re.compile(r"(?:.*[\sT])?(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)\s*([AP]M)?(?:Z|[+-]\d\d:?\d\d)?", re.IGNORECASE)
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
 
@@ -48,6 +54,7 @@ class Table:
     values: np.ndarray  # (rows, columns), NaN where there is no number
     remarks: list[str] = dataclasses.field(default_factory=list)  # what was left out or assumed, a sentence each
     headed: bool = True  # whether the file names its columns
+    texts: dict[int, str] = dataclasses.field(default_factory=dict)  # of columns, the first cell that is not a number
 
 
 def listing(names: Iterable[str], most: int = 12) -> str:
@@ -66,6 +73,10 @@ def read_table(path: Path, topic: str | None = None) -> Table:
     if path.is_dir():
         raise ValueError("it is a folder without metadata.yaml, so it is not a ROS 2 bag; give the file of the log")
     content = read_bytes(path, largest=_LARGEST_FILE)
+    if content[:4] == b"PK\x03\x04" and path.suffix != ".npz":
+        raise ValueError("it is a zip archive or a spreadsheet: unpack it, or save the sheet as CSV")
+    if content[:2] == b"\x1f\x8b":
+        raise ValueError("it is compressed by gzip: unpack it")
     if content[:4] == b"PK\x03\x04" or content[:6] == b"\x93NUMPY":
         return _of_arrays(read_arrays(path, largest=8 * _MOST_NUMBERS))
     if content[:6] == b"MATLAB" or path.suffix == ".mat":
@@ -97,10 +108,15 @@ class _Style:
     delimiter: str | None
     mark: str
     width: int = 0
+    trailing: bool = False  # whether the delimiter also ends each line
 
     def cells(self, line: str) -> list[str]:
         """Return the cells of a line; a delimiter at its end makes no cell."""
-        found = [cell.strip().strip("\"'").strip() for cell in line.split(self.delimiter)]
+        parts = line.split(self.delimiter)
+        if '"' in line and self.delimiter:
+            with contextlib.suppress(csv.Error):  # a cell of more than 128 KiB
+                parts = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True))
+        found = [cell.strip().strip("\"'").strip() for cell in parts]
         return found[:-1] if len(found) == self.width + 1 and not found[-1] else found
 
     def numbers(self, line: str) -> list[float]:
@@ -110,11 +126,11 @@ class _Style:
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
 
     def number(self, cell: str) -> float | None:
-        """Return the number in a cell, NaN in an empty one; None for another text."""
+        """Return the number in a cell, the seconds of a date or time of day, NaN in an empty cell; None for a text."""
         try:
             return float(cell.replace(",", ".") if self.mark == "," else cell)
         except ValueError:
-            return math.nan if cell.lower() in _EMPTY else None
+            return math.nan if cell.lower() in _EMPTY else _seconds(cell)
 
     def score(self, lines: list[str]) -> tuple[int, int]:
         """Return how many columns have numbers alone in most of the lines, and the width of the lines."""
@@ -130,7 +146,20 @@ class _Style:
         return sum(map(min, good, some)), width - all(not row[-1] for row in rows)
 
 
-_STYLES = tuple(_Style(*pair) for pair in itertools.product(("\t", ";", ",", None), ".,") if pair != (",", ","))
+_STYLES = tuple(_Style(*pair) for pair in itertools.product(("\t", ";", ",", None), ".,"))
+
+
+def _seconds(text: str) -> float | None:
+    """Return the seconds since 1970 of a date and time in ISO 8601, or since midnight of a time of day; else None."""
+    clock = _CLOCK.fullmatch(text)
+    if not clock:
+        return None
+    try:
+        date = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        half = {"": int(clock[1]), "a": int(clock[1]) % 12, "p": int(clock[1]) % 12 + 12}[(clock[4] or "")[:1].lower()]
+        return 3600.0 * half + 60.0 * int(clock[2]) + float(clock[3].replace(",", "."))
+    return (date if date.tzinfo else date.replace(tzinfo=datetime.UTC)).timestamp()
 
 
 def _text(content: bytes) -> Table:
@@ -152,10 +181,15 @@ def _text(content: bytes) -> Table:
             f"{shown(lines[len(lines) // 2])}"
         )
     style = dataclasses.replace(_STYLES[best], width=scores[best][1])
+    if style.delimiter:
+        ended = all(line.rstrip(" \r\n").endswith(style.delimiter) for line in probed)
+        style = dataclasses.replace(style, trailing=ended)
     if style.mark == ",":
         remarks.append("its numbers have a decimal comma")
     rows = [style.numbers(line) for line in lines]
-    first = next((k for k, row in enumerate(rows) if row), len(rows))
+    # A line of a preamble may have as many numbers as a row.
+    begins = (k for k, row in enumerate(rows) if all(rows[k : k + _STEADY]))
+    first = next(begins, next((k for k, row in enumerate(rows) if row), len(rows)))
     names, units = _heading(lines[:first], style)
     kept = [row for row in rows[first:] if row]
     if len(kept) * style.width > _MOST_NUMBERS:
@@ -167,7 +201,14 @@ def _text(content: bytes) -> Table:
     if len(kept) < len(rows) - first:
         remarks.append(f"{len(rows) - first - len(kept)} line(s) are cut off or have no numbers: left out")
     numbered = [str(k + 1) for k in range(style.width)]
-    return Table(names or numbered, units, np.array(kept, dtype=float), remarks, headed=bool(names))
+    table = Table(names or numbered, units, np.array(kept, dtype=float), remarks, headed=bool(names))
+    written = list(itertools.compress(lines[first:], rows[first:]))
+    for k in np.flatnonzero(np.isnan(table.values).any(axis=0)).tolist():
+        for row in np.flatnonzero(np.isnan(table.values[:, k]))[:_PROBED].tolist():
+            if style.number(cell := style.cells(written[row])[k]) is None:
+                table.texts[k] = cell
+                break
+    return table
 
 
 def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]]:
@@ -175,14 +216,16 @@ def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]
     bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
     if style.delimiter is None:
         bare = [re.sub(r"\s+(?=[\[(])", "", line) for line in bare]
-    found = [cells for cells in map(style.cells, bare) if len(cells) == style.width and any(cells)]
+    cut = list(map(style.cells, bare))
+    cut = [cells[: style.width] if style.trailing or cells[-1].lower() == "comment" else cells for cells in cut]
+    found = [cells for cells in cut if len(cells) == style.width and any(cells)]
     if not found:
         worded = [line.strip() for line in lines if line.strip()[0] not in "#%" and re.search(r"[^\W\d]", line)]
         if worded:
             width = len(style.cells(worded[-1]))
             comma = "; numbers with a decimal comma need a delimiter other than the comma"
             text = f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
-            raise ValueError(text + comma * (style.width >= 2 * width - 1))
+            raise ValueError(text + comma * (style.delimiter == "," and style.width >= 2 * width - 1))
         return [], {}
     names, below = found[-1], [""] * style.width
     if len(found) > 1 and all(not cell or _UNIT.fullmatch(cell) for cell in names):
@@ -216,7 +259,7 @@ def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
             columns |= {f"{name} {k + 1}".strip(): across[:, k] for k in range(across.shape[1])}
     if len(columns) < _FEWEST_COLUMNS:
         found = f"its arrays ({listing(arrays)}) give {len(columns)} column(s) of numbers"
-        raise ValueError(f"{found}; needed: time, angles and torques in arrays of equal length")
+        raise ValueError(f"{found}; needed: time, angles and torques in arrays of equal length{_SAVED}")
     headed = any(name and not name.isdigit() for name in columns)
     return Table(list(columns), {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
 
@@ -237,10 +280,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
     except Exception as error:  # scipy's reader lets through whatever a damaged file brings about
         raise ValueError(f"it is not a MATLAB file, or it is damaged ({' '.join(str(error).split())[:120]})") from None
     if not plain:
-        raise ValueError(
-            f"its variables ({listing(name for name, *_ in listed)}) are not arrays of numbers; save the "
-            "fields of a struct with: save('log.mat', '-struct', 'log')"
-        )
+        raise ValueError(f"its variables ({listing(name for name, *_ in listed)}) are not arrays of numbers{_SAVED}")
     return {name: found[name] for name, *_ in plain if isinstance(found.get(name), np.ndarray)}
 
 

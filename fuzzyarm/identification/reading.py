@@ -35,6 +35,7 @@ _UNITS = {
     "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3},
 }
 """SI units in each unit, as `_tables.unit_of` writes it."""
+_RAW = frozenset(("counts", "count", "cnt", "ticks", "ma", "a", "amp", "ampere", "amps", "v", "mv", "percent", "raw"))
 _ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # stated by a name: time_ms
 _WORDS = {
     "time": "time t timestamp timestamps stamp seconds sec zeit",
@@ -49,8 +50,10 @@ _DEMANDED = (
 )
 _ROLE = re.compile(r"time|topic|(q|dq|tau)[1-9]\d?")
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
+_FEWEST_ROWS = 0.5  # share of the rows that must have all numbers
 _FASTEST, _SLOWEST = 5e-5, 0.05  # s, median steps from which a unit of time is guessed
 _GAP, _LEAST_GAP = 5.0, 0.02  # steps; s
+_REPEATED = 0.4  # share of steps without time from which a line is taken to be of one joint
 _MOVED = 0.02  # share of a joint's range, within which it counts as idle
 _KEPT, _LEAST_IDLE = 0.3, 0.5  # s of an idle end that stay, and that are worth a cut
 _LATEST = 1.0  # s
@@ -72,7 +75,8 @@ def read_log(
         path: the file, or the folder of a bag.
         columns: names or numbers (from 1) of columns by role: time, q1, q2, ..., dq1, ..., tau1, ...; topic is that
             of a bag. Roles that are not given are guessed from the names in the file.
-        units: unit, or its size in SI units, of time, q, dq or tau, where the file states none or a wrong one.
+        units: unit, or its size in SI units, of time, q, dq or tau, or of tau2 alone, where the file states none or a
+            wrong one.
         gear: reductions of the motors, one or one a joint, if the log is that of the motors' side: q / gear, tau gear.
         delay: time [s] by which torques are recorded later than the angles that they belong to.
 
@@ -92,7 +96,7 @@ def read_log(
                 f"columns has the unknown role {shown(role)}; allowed: time, q1, dq1, tau1, q2, ... and topic"
             )
     for kind in units:
-        checks.choice("a key of units", kind, tuple(_UNITS))
+        checks.choice("a key of units", kind.rstrip("123456789") if isinstance(kind, str) else kind, tuple(_UNITS))
     try:
         table = read_table(path, columns.pop("topic", None))
         roles = _roles_of(table, columns)
@@ -134,13 +138,15 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
     joints = 0
     while f"q{joints + 1}" in roles or f"tau{joints + 1}" in roles:
         joints += 1
+    _check_times(table, roles, "time" in given)
     needed = ["time", *(f"{kind}{j + 1}" for kind in ("q", "tau") for j in range(max(joints, 1)))]
     missing = [role for role in needed if role not in roles]
     if missing:
         example = ",".join(f"{role}=NAME" for role in missing[:5])
         where = f"among {listing(table.names)}" if table.headed else f"in {len(table.names)} columns without a heading"
+        more = ",q2=NAME,..." if joints < 2 and any(role != "time" for role in missing) else ""
         text = f"no column is recognised as {', '.join(missing)} {where}"
-        raise ValueError(f"{text}; give their names or numbers with --columns {example}")
+        raise ValueError(f"{text}; give their names or numbers with --columns {example}{more}")
     speeds = [f"dq{j + 1}" for j in range(joints)]
     kept = needed + (speeds if all(role in roles for role in speeds) else [])
     found = {role: roles[role] for role in kept}
@@ -149,6 +155,24 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
         name = shown(table.names[found[twice[0]]])
         raise ValueError(f"{' and '.join(twice[:2])} refer to the same column {name}; give each its own column")
     return found
+
+
+def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
+    """Choose the stamp of a header if nothing is given; ValueError if each joint has a time of its own."""
+    words = {k: re.findall(r"[^\W\d_]+", name.lower()) for k, name in enumerate(table.names if table.headed else ())}
+    every = [k for k, one in words.items() if one and _KIND.get(one[-1]) == "time" and not {"des", "ref"} & set(one)]
+    if "time" not in roles or len(every) < 2:
+        return
+    if not is_given:
+        roles["time"] = next((k for k in every if "stamp" in words[k]), roles["time"])
+        table.remarks.append(f"its time is column {shown(table.names[roles['time']])}; others: --columns time=NAME")
+    for other in every:
+        apart = np.abs(table.values[:, other] - table.values[:, roles["time"]])
+        if words[other] == words[roles["time"]] and np.nanmax(apart, initial=0.0) > 0.0:
+            raise ValueError(
+                f"its columns {roles['time'] + 1} and {other + 1} are both times and differ by up to "
+                f"{np.nanmax(apart):.3g}; write all signals at common instants, with one column of time"
+            )
 
 
 def _column(table: Table, role: str, name: str) -> int:
@@ -218,6 +242,18 @@ def _pieces(
     for place in roles.values():
         if not np.isfinite(table.values[:, place]).any():
             raise ValueError(f"column {shown(table.names[place])} contains no numbers; choose another with --columns")
+    if not whole.any():
+        raise ValueError("no row has numbers in all columns; resample the signals to common instants")
+    if whole.mean() < _FEWEST_ROWS:
+        words = [
+            f"{shown(table.texts[place])} in column {shown(table.names[place])}"
+            for place in roles.values()
+            if place in table.texts
+        ]
+        raise ValueError(
+            f"{np.count_nonzero(~whole)} of {len(whole)} rows lack a number{': ' + words[0] if words else ''}; write "
+            "numbers without separators of thousands and without words, or leave these rows out"
+        )
     if not whole.all():
         remarks.append(f"{np.count_nonzero(~whole)} row(s) lack a number: left out")
     joints = sum(role.startswith("tau") for role in roles)
@@ -228,9 +264,26 @@ def _pieces(
     part = {kind: values[whole][:, [one == kind for one in kinds]] for kind in _UNITS}
     names = np.array([table.names[k] for k in roles.values()])
     size = {kind: _unit(table, kind, names[[one == kind for one in kinds]].tolist(), units) for kind in _UNITS}
-    angle, torque = part["q"] * (size["q"] or 1.0) / ratio, part["tau"] * (size["tau"] or 1.0) * ratio
-    velocity = part["dq"] * (size["dq"] or size["q"] or 1.0) / (ratio if part["dq"].size else 1.0)
-    time = _seconds(part["time"][:, 0], size["time"], remarks)
+    for role, place in roles.items():
+        kind, own = role.rstrip("123456789"), unit_of(re.split(r"[\W_]", table.names[place])[-1])
+        if own in _RAW and kind != "time" and not {kind, role} & set(units):
+            raise ValueError(
+                f"column {shown(table.names[place])} for {role} seems to be in {own}; give the size of its unit in SI "
+                f"units, as in --units {role}=0.12"
+            )
+
+    def sizes(kind: str, other: float | None = None) -> np.ndarray:
+        """Return the size of the unit of each joint."""
+        common = size[kind] or other or 1.0
+        one = [{kind: units[f"{kind}{j}"]} if f"{kind}{j}" in units else None for j in range(1, joints + 1)]
+        return np.array([common if own is None else _unit(table, kind, [], own) or common for own in one])
+
+    angle, torque = part["q"] * sizes("q") / ratio, part["tau"] * sizes("tau") * ratio
+    velocity = part["dq"] * sizes("dq", size["q"]) / ratio if part["dq"].size else part["dq"]
+    stamps = part["time"][:, 0]
+    if joints == 1 and np.mean(np.diff(stamps) == 0.0) > _REPEATED:
+        raise ValueError("its stamps occur several times; write a line for each instant, with a column for each joint")
+    time = _seconds(stamps, size["time"], remarks)
     signals = np.concatenate([angle, velocity, torque], axis=1)
     logs = []
     for stamps, piece in _cut(time, signals, remarks):
@@ -252,7 +305,7 @@ def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.n
         if not fitting:
             raise ValueError(
                 f"the median time step {step:.4g} fits no unit of time (allowed: at most {_SLOWEST:g} s); state the "
-                "unit, as in --units time=ms, or name another column with --columns time=NAME"
+                "unit or its size in s, as in --units time=ms, or name another column with --columns time=NAME"
             )
         unit = sizes[fitting[0]]
         if unit != 1.0:
@@ -277,7 +330,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
         largest = max(len(stamps) for stamps, _ in pieces)
         raise ValueError(
             f"its longest part without a gap in time of more than {1e3 * longest:.3g} ms has {largest} samples; "
-            f"needed: at least {FEWEST_SAMPLES}"
+            f"needed: at least {FEWEST_SAMPLES}; another column may have the time, see --columns time=NAME"
         )
     if len(pieces) > 1:
         short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)

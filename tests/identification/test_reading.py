@@ -1,7 +1,9 @@
 """A log is the same whatever wrote it; what was assumed or left out is said; what cannot be read says what to do."""
 
+import datetime
 import io
 import os
+import re
 import zipfile
 from pathlib import Path
 
@@ -34,6 +36,22 @@ def written(tmp_path, text, name="log.csv"):
     return path
 
 
+def iso(time):
+    return (
+        datetime.datetime(2025, 3, 12, 23, 59, 59, tzinfo=datetime.UTC) + datetime.timedelta(seconds=time)
+    ).isoformat()
+
+
+def quoted(row):
+    return ",".join('"' + cell.replace(".", ",") + '"' for cell in row.split(","))
+
+
+def with_times(row):
+    """A row in which the second joint has a time of its own, 1 ms later."""
+    time, q1, q2, *torque = row.split(",")
+    return f"{time},{q1},{torque[0]},{float(time) + 1e-3},{q2},{torque[1]}"
+
+
 DEGREES = np.degrees(ANGLE)
 FIVE = "time,q1,q2,tau1,tau2"
 JOINTS = "/joint_states/joint"
@@ -54,6 +72,14 @@ TEXTS = {
     "units in parentheses": table("t (us), q_1 (rev), q_2 (rev), tau_1 (mNm), tau_2 (mNm)", columns=TURNS),
     "units in a second line": table(
         "time\tq1\tq2\ttau1\ttau2\nms\tdeg\tdeg\tN m\tN m", "\t", [1e3 * TIME, DEGREES, TORQUE]
+    ),
+    "ISO 8601": "\n".join(
+        [FIVE, *(f"{iso(time)},{row.split(',', 1)[1]}" for time, row in zip(TIME, ROWS[1:], strict=True))]
+    ),
+    "quoted decimal comma": "\n".join([FIVE, *(quoted(row) for row in ROWS[1:])]),
+    "LabVIEW": "\n".join(
+        ["LabVIEW Measurement", "Channels\t4", "Samples\t1\t1\t1\t1", "***End***", "time\tq1\tq2\ttau1\ttau2\tComment"]
+        + [row.replace(",", "\t") for row in ROWS[1:]]
     ),
     "nanoseconds since 1970": "\n".join(
         [FIVE, *(f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(STAMPS, ROWS[1:], strict=True))]
@@ -183,6 +209,28 @@ def pickled():
 SHORT = "\n".join(ROWS[:99])
 FAR = [1e3 + 5e11 * np.arange(COUNT), ANGLE, TORQUE]
 REFUSED = [
+    (
+        "own.csv",
+        "\n".join(["time,q1,tau1,time,q2,tau2", *map(with_times, ROWS[1:])]),
+        "columns 1 and 4 are both times and differ by up to 0.001; write all signals at common instants",
+    ),
+    (
+        "thousands.csv",
+        re.sub(r"\n(\d)", r"\n\1'00\1", table(columns=[1e3 * TIME, ANGLE, TORQUE])),
+        "rows lack a number: '",
+    ),
+    (
+        "long.csv",
+        table("time,q,tau", columns=[np.repeat(TIME[::2], 2), ANGLE[:, 0], TORQUE[:, 0]]),
+        "a line for each instant",
+    ),
+    ("sheet.xlsx", b"PK\x03\x04 and more", "a zip archive or a spreadsheet: unpack it, or save the sheet as CSV"),
+    ("log.csv.gz", b"\x1f\x8b and more", "it is compressed by gzip: unpack it"),
+    (
+        "sparse.csv",
+        FIVE + "\n" + "\n".join(f"{t},0.1,0.2,," if k % 2 else f"{t},,,1,2" for k, t in enumerate(TIME)),
+        "no row has numbers in all columns",
+    ),
     ("log.csv", "", "it is empty; needed: a heading such as time,q1,q2,tau1,tau2"),
     ("log.csv", "\n" * 900, "it is empty"),
     (
@@ -239,6 +287,18 @@ def test_what_cannot_be_read_says_why_and_what_to_do(name, content, message, tmp
     assert message.replace("'", "") in err.replace("'", "")
 
 
+def test_each_joint_may_have_a_unit_of_its_own(tmp_path):
+    (log,) = read_log(written(tmp_path, table()), units={"tau1": 0.5, "tau2": "mNm", "q": "deg"})
+    np.testing.assert_allclose(log.torque, TORQUE * [0.5, 1e-3], rtol=1e-6)
+    np.testing.assert_allclose(log.angle, np.radians(ANGLE), rtol=1e-6)
+
+
+def test_the_stamp_of_a_header_is_the_time(tmp_path):
+    rows = [f"{float(row.split(',')[0]) * 1.3},{row}" for row in ROWS[1:]]
+    (log,) = read_log(written(tmp_path, "\n".join(["%time,stamp,q1,q2,tau1,tau2", *rows])))
+    assert log.period == pytest.approx(2e-3) and "its time is column 'stamp'" in log.remarks[0]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -247,13 +307,16 @@ def test_what_cannot_be_read_says_why_and_what_to_do(name, content, message, tmp
         ({"columns": {"q1": "tau1"}}, "q1 and tau1 refer to the same column tau1"),
         ({"units": {"angle": "deg"}}, "a key of units = angle is unknown; choose from: time, q, dq, tau"),
         ({"units": {"q": 0.0}}, "unit of q = 0.0 is out of range"),
+        ({"columns": {"tau1": "tau1_counts"}}, "column tau1_counts for tau1 seems to be in counts"),
         ({"gear": (1.0, 2.0, 3.0)}, "gear has 3 ratios; allowed: one, or one for each of 2 joints"),
         ({"delay": 2.0}, "delay = 2.0 s is out of range"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(options, message, tmp_path):
+    counts = "tau1_counts" in options.get("columns", {}).values()
+    path = written(tmp_path, table("time,q1,q2,tau1_counts,tau2" if counts else FIVE))
     with pytest.raises(ValueError) as caught:
-        read_log(written(tmp_path, table()), **options)
+        read_log(path, **options)
     assert message in str(caught.value).replace("'", "")
 
 
@@ -270,3 +333,24 @@ def test_recorded_logs_of_a_robot_are_read():
         "design_C1_143601.csv": [1750],
         "design_C1_154548.csv": [2682],
     }
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FOLDER, reason="FUZZYARM_REAL_LOGS does not name the folder of the recorded logs")
+def test_recorded_logs_lead_to_a_proven_and_stable_controller_and_its_c(tmp_path, monkeypatch, capsys):
+    """The commands of docs/tutorials/identify.md, from two logs of the double pendulum to C."""
+    page = (Path(__file__).parents[2] / "docs/tutorials/identify.md").read_text(encoding="utf-8")
+    section = page.split("## From a recorded log to C")[1].split("\n## ")[0]
+    start, commands = re.findall(r"```\w+\n(.*?)```", section, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    Path("start.toml").write_text(start)
+    for path in Path(FOLDER).glob("design_A0_*.csv"):
+        Path(path.name).write_bytes(path.read_bytes())
+    for line in commands.strip().splitlines():
+        words = [
+            str(one) for word in line.split()[1:] for one in (sorted(Path().glob(word)) if "*" in word else [word])
+        ]
+        assert main(words) == 0, line
+    assert (
+        "WARNING" not in (text := capsys.readouterr().out) and "PROVEN" in text and Path("board/pendulum.c").is_file()
+    )

@@ -39,8 +39,8 @@ class Options:
     """Columns whose names are not understood: time=stamp,q1=shoulder,tau1=load1,..., also by number (q1=2); dq1 is a
     velocity, topic that of a bag (default: by their names)"""
     units: Annotated[str | None, Parameter(metavar="KIND=UNIT,...")] = None
-    """Units of time, q, dq and tau, or their sizes in SI units: q=deg,tau=0.12 (default: those of the heading, else s,
-    rad, rad/s, N m)"""
+    """Units of time, q, dq and tau, or of one joint's, or their sizes in SI units: q=deg,tau2=0.12 (default: those of
+    the heading, else s, rad, rad/s, N m)"""
     gear: Annotated[tuple[float, ...], Parameter(metavar="RATIO", negative="")] = ()
     """Reduction of the motors if the log is that of the motors' side, for all joints, or repeated for each (default:
     the log is that of the joints' side)"""
