@@ -11,8 +11,7 @@ The score of a policy in a case is the interquartile mean, over the plants, of t
 early is larger than any error. Over seeds it is the interquartile mean of the scores with a bootstrap interval of 95 %
 (`fuzzyarm.eval.evaluation._statistics`), otherwise the interval is over plants (`scipy.stats.bootstrap`). The rank of a
 policy is one more than the number of policies whose interval lies wholly below its own: where intervals overlap,
-policies share a rank. The probability of improvement of one policy over another is the share of plants and cases in
-which its rms error is smaller, equal ones counting half, with a bootstrap interval over the plants.
+policies share a rank.
 
 With `--errors` each policy's errors are kept in a folder and taken from there by the next run with as many plants, so
 that a run can be interrupted, or a policy added, without measuring the others again; the result names the commit of
@@ -28,7 +27,7 @@ from typing import Any
 
 import numpy as np
 from compared_policies import POLICIES
-from comparison_statistics import improvements, ranks_of, score
+from comparison_statistics import ranks_of, score
 from learned_tasks import assess
 from measuring import options_of, printed, write
 from plant_errors import COMPARED_CASES, FIRST_SEED, measured
@@ -97,7 +96,6 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         "cases": COMPARED_CASES,
         "quantiles": list(QUANTILES),
         "rows": rows,
-        "improvement": improvements(list(shipped), np.stack([errors[name].rms_mm for name in shipped])),
     }
 
 

@@ -1,17 +1,16 @@
-"""The figures of `comparison.py`: each policy on new plants and under forces of no training, and the pairs."""
+"""The figure of `comparison.py`: each policy on new plants and under forces of no training."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from compared_policies import POLICIES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-__all__ = ["draw_comparison", "draw_pairs"]
+__all__ = ["draw_comparison"]
 
 MODEL_BASED, LEARNED = "#0072B2", "#D55E00"
 
@@ -42,28 +41,6 @@ def draw_comparison(document: Mapping[str, Any]) -> Figure:
         f"{method['seed_plants']:,} plants each"
     )
     figure.legend(handles=handles, loc="outside lower center", ncols=2, title=title, title_fontsize=9)
-    return figure
-
-
-def draw_pairs(document: Mapping[str, Any]) -> Figure:
-    """Return the figure of the probabilities of improvement [%]: of the row's policy over the column's."""
-    names = [row["name"] for row in document["rows"]]
-    shares = np.full((len(names), len(names)), np.nan)
-    for pair in document["improvement"]:
-        p, q = names.index(pair["policy"]), names.index(pair["over"])
-        shares[p, q], shares[q, p] = 100.0 * pair["probability"], 100.0 * (1.0 - pair["probability"])
-    size = 2.4 + 0.33 * len(names)
-    figure = Figure(figsize=(size, size))
-    axes = figure.subplots()
-    axes.imshow(shares, cmap="RdBu", vmin=-20.0, vmax=120.0)
-    axes.grid(visible=False)
-    for (p, q), share in np.ndenumerate(shares):
-        if p != q:
-            axes.text(q, p, f"{share:.0f}", ha="center", va="center", color="w" if abs(share - 50.0) > 45.0 else "k")
-    axes.set_xticks(range(len(names)), names, rotation=90)
-    axes.set_yticks(range(len(names)), names)
-    axes.xaxis.tick_top()
-    axes.set_xlabel("share [%] of plants and cases in which the policy of the row has the smaller rms error")
     return figure
 
 

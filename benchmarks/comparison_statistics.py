@@ -1,8 +1,7 @@
-"""Scores, ranks and probabilities of improvement of `comparison.py`, from errors of policies on the same plants."""
+"""Scores and ranks of `comparison.py`, from errors of policies on the same plants."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -12,7 +11,7 @@ from scipy.stats import bootstrap
 
 from fuzzyarm.eval.evaluation._statistics import LEVEL, estimate, interquartile_mean
 
-__all__ = ["improvements", "ranks_of", "score"]
+__all__ = ["ranks_of", "score"]
 
 _RESAMPLES = 999
 _LOST, _LARGEST = 1e12, 1e6  # mm: stands for the error of an episode that ended early; no mean without one is as large
@@ -48,24 +47,6 @@ def ranks_of(scores: Mapping[str, Score]) -> dict[str, int]:
         {name: math.inf if one[end] is None else one[end] for name, one in scores.items()} for end in ("low", "high")
     )
     return {name: 1 + sum(high[other] < low[name] for other in scores) for name in scores}
-
-
-def improvements(names: Sequence[str], rms: np.ndarray) -> list[dict[str, Any]]:
-    """Return the probability of improvement for each pair of policies, with its interval over plants.
-
-    It is the share of plants and cases in which the error of the one is smaller; equal errors count half, and so do two
-    episodes that ended early.
-
-    Args:
-        names: of the policies.
-        rms: errors (policies, cases, plants) [mm]; inf where an episode ended early.
-    """
-    rows = []
-    for (p, one), (q, other) in itertools.combinations(enumerate(names), 2):
-        wins = np.mean((rms[p] < rms[q]) + 0.5 * (rms[p] == rms[q]), axis=0)
-        interval = list(_interval(wins, np.mean))
-        rows.append({"policy": one, "over": other, "probability": float(wins.mean()), "interval": interval})
-    return rows
 
 
 def _score_of(errors: np.ndarray) -> float | None:

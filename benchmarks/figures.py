@@ -145,7 +145,6 @@ FIGURES: dict[str, Picture] = {
     "report.png": Picture(lambda: _page(_evaluation()), ("evaluate",), COMPARED, browser=True),
     "robot_report.png": Picture(lambda: _page(_on_robot()), ("robot_comparison_ur5",), ANY_ROBOT, browser=True),
     "comparison.png": _from_result("comparison", "comparison_figure", "draw_comparison"),
-    "comparison_pairs.png": _from_result("comparison", "comparison_figure", "draw_pairs"),
     "learned.png": Picture(results=("learned_comparison",), policies=MODEL_BASED),
     "sweep.png": _from_result("sweep", "sweep_figure"),
     "adaptive_passes.png": _from_result("adaptive_cases"),

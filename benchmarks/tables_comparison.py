@@ -81,19 +81,6 @@ def score_of(found: dict[str, Any]) -> str:
     return f"{mean}, {low} to {high} ({found['rank']})"
 
 
-def _pairs(document: dict[str, Any], _: dict[str, Any]) -> str:
-    """Return how wide the intervals of the probabilities of improvement are, and which of them contain a half."""
-    improvement = document["improvement"]
-    widest = max(high - low for low, high in (pair["interval"] for pair in improvement))
-    equal = [pair for pair in improvement if pair["interval"][0] <= 0.5 <= pair["interval"][1]]
-    words = "; ".join(f"`{pair['policy']}` and `{pair['over']}`" for pair in equal)
-    return (
-        f"The probabilities of improvement in the second figure have intervals of 95 % over plants that are at most "
-        f"{100.0 * widest:.1f} percentage points wide. Of {len(improvement)} pairs {len(equal)} have an interval that "
-        f"contains 50 %: {words or 'none'}."
-    )
-
-
 def _made(document: dict[str, Any], margins: dict[str, Any]) -> str:
     """Return the line, with the policies whose errors another commit measured than the one of the document."""
     others = {row["name"]: row["commits"] for row in document["rows"] if row["commits"] != [document["commit"]]}
@@ -108,5 +95,5 @@ def _digits(value: float, count: int) -> str:
     return f"{value:#.{count}g}".rstrip(".") if abs(value) < 100.0 else f"{value:.0f}"
 
 
-COMPARISON = {"comparison": Section(("comparison", "margins"), (_policies, _text, _pairs, _made), None)}
+COMPARISON = {"comparison": Section(("comparison", "margins"), (_policies, _text, _made), None)}
 """The section by its name."""

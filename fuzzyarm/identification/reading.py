@@ -241,7 +241,10 @@ def _pieces(
     whole = np.isfinite(values).all(axis=1)
     for place in roles.values():
         if not np.isfinite(table.values[:, place]).any():
-            raise ValueError(f"column {shown(table.names[place])} contains no numbers; choose another with --columns")
+            text = f", as in {shown(table.texts[place])}" if place in table.texts else ""
+            raise ValueError(
+                f"column {shown(table.names[place])} contains no numbers{text}; choose another with --columns"
+            )
     if not whole.any():
         raise ValueError("no row has numbers in all columns; resample the signals to common instants")
     if whole.mean() < _FEWEST_ROWS:

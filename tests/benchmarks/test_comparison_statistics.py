@@ -1,11 +1,8 @@
 """The statistics of the comparison of all policies, against slower or analytical oracles."""
 
-import itertools
-
 import comparison_statistics as statistics
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 from scipy.stats.mstats import trimmed_mean_ci
 
 
@@ -51,26 +48,3 @@ def test_policies_whose_intervals_overlap_share_a_rank():
     ends = {"a": (0.0, 1.0), "b": (1.0, 3.0), "c": (1.5, 2.0), "d": (3.5, None), "e": (9.0, 9.5), "f": (None, None)}
     found = statistics.ranks_of({name: {"low": low, "high": high} for name, (low, high) in ends.items()})
     assert found == {"a": 1, "b": 1, "c": 2, "d": 4, "e": 4, "f": 5}
-
-
-def test_the_probability_of_improvement_is_a_share_of_pairs():
-    rms = np.random.default_rng(3).integers(0, 4, (3, 2, 40)).astype(float)
-    rms[rms == 3.0] = np.inf
-    rows = statistics.improvements(["a", "b", "c"], rms)
-    assert [(row["policy"], row["over"]) for row in rows] == [("a", "b"), ("a", "c"), ("b", "c")]
-    for row, (p, q) in zip(rows, itertools.combinations(rms, 2), strict=True):
-        points = [
-            1.0 if one < other else 0.5 if one == other else 0.0 for one, other in zip(p.flat, q.flat, strict=True)
-        ]
-        assert row["probability"] == pytest.approx(sum(points) / 80)
-
-
-def test_the_interval_of_the_probability_is_over_plants():
-    """With one case and no ties it is the interval of a binomial share; cases of one plant do not count twice."""
-    generator = np.random.default_rng(5)
-    better = generator.random(1000) < 0.3
-    rms = np.stack([np.where(better, 1.0, 3.0), np.full(1000, 2.0)])[:, np.newaxis]
-    (one,), (twice,) = (statistics.improvements(["a", "b"], np.repeat(rms, n, axis=1)) for n in (1, 2))
-    exact = binomtest(int(better.sum()), 1000).proportion_ci(0.95, method="wilson")
-    assert one["interval"] == pytest.approx([exact.low, exact.high], abs=0.005)
-    assert twice == one
