@@ -85,8 +85,8 @@ class SecondCheck:
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
         found = {"file": str(self.path), "checker": "second", "verdict": self.verdict, "proven": self.proven}
-        bound = self.bound if self.proven else None
-        return found | {"bound": bound, "reason": self.reason, "about": self.about, "seconds": self.seconds}
+        found["bound"] = self.bound if self.proven else None
+        return found | {"reason": self.reason, "about": self.about, "seconds": self.seconds}
 
     def to_text(self) -> str:
         """Return the result as text."""
@@ -116,9 +116,7 @@ def check(path: Path) -> SecondCheck:
                 stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
                 for one, other in zip(found, stated, strict=False):
                     if not one <= _LOOSER * min(other + _GRAIN, claim.bound):
-                        raise _Refused(
-                            f"the tip error may reach {1e3 * one:.4g} mm; the file claims {1e3 * other:.4g} mm"
-                        )
+                        raise _Refused(f"the tip error may reach {1e3 * one:.4g} mm, not {1e3 * other:.4g} mm")
                 most = max(most, *found[: len(stated)])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         return answer("NOT PROVEN", f"control step {done + 1}: {error}")
@@ -227,10 +225,9 @@ class _Plant:
             (1.0, 1.0) if wide.is_zero() else (_ends(1 - wide / at)[0], _ends(1 + wide / at)[1])
             for wide, at in zip(half["dry_friction"], middle["dry_friction"], strict=True)
         ]
-        self.half = {}
-        for name in ("motor_inertia", "viscous_friction", "stiffness", "damping"):
-            wide = [half[name][j] * arb(robot[name][j]) for j in _BOTH]
-            self.half[name] = np.array([0.0 if x.is_zero() else _upper(x) for x in wide])
+        inner = ("motor_inertia", "viscous_friction", "stiffness", "damping")
+        wide = {name: [half[name][j] * arb(robot[name][j]) for j in _BOTH] for name in inner}
+        self.half = {name: np.array([0.0 if x.is_zero() else _upper(x) for x in both]) for name, both in wide.items()}
         kinds = [(name, j) for name in _RANGES for j in _BOTH if not half[name][j].is_zero()]
         self.column = {kind: i for i, kind in enumerate(kinds)}  # of the zonotope, by constant
 
@@ -277,13 +274,9 @@ def _on_circle(t: Any, duration: float) -> tuple[list[Any], list[Any], list[Any]
     s, ds = x**3 * (10 - 15 * x + 6 * x * x), 30 * (x * (1 - x)) ** 2 / arb(duration)
     dds, turn, R = 60 * x * (1 - x) * (1 - 2 * x) / arb(duration) ** 2, -2 * arb.pi(), arb(0.2)
     psi, rate, bend = arb.pi() / 2 + turn * s, turn * ds, turn * dds
-    cos, sin = psi.cos(), psi.sin()
-    along, out = [-R * sin, R * cos], [R * cos, R * sin]
-    return (
-        [arb(0.35) + out[0], arb(0.65) + out[1]],
-        [rate * a for a in along],
-        [bend * a - rate * rate * o for a, o in zip(along, out, strict=True)],
-    )
+    along, out = [-R * psi.sin(), R * psi.cos()], [R * psi.cos(), R * psi.sin()]
+    bent = [bend * a - rate * rate * o for a, o in zip(along, out, strict=True)]
+    return [arb(0.35) + out[0], arb(0.65) + out[1]], [rate * a for a in along], bent
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
