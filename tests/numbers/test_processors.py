@@ -74,6 +74,7 @@ def test_no_multiplication_is_fused_with_an_addition(processor):
     assert FUSED.search(assembly(free, processor, PROCESSORS[processor]))  # which is what LLVM does where it may
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="runs the machine code of x86-64 processors")
 def test_an_old_processor_gives_the_same_bits(tmp_path):
     found = []

@@ -38,8 +38,9 @@ def test_a_configuration_names_its_arm_only_if_it_is_another():
 
 
 @pytest.mark.usefixtures("brief_evaluations")
-def test_a_run_of_a_changed_robot_is_not_resumed(tmp_path):
+def test_a_run_of_a_changed_robot_is_not_resumed(tmp_path, monkeypatch):
     """The file is read again: another arm is refused, the same one in other words is not."""
+    monkeypatch.setattr("fuzzyarm.rl_baselines.learning_task._REFERENCES", 8)
     toml = tmp_path / "arm.toml"
     toml.write_text("stiffness = [4e4, 3e4]\n")
     folder = tmp_path / "run"

@@ -45,8 +45,8 @@ BAD = [
     (lambda state: state.update(values=state["values"].astype(">f8")), "needed: an array float64"),
     (lambda state: state.update(drawn=state["drawn"].tolist()), "needed: an array float64"),
     (lambda state: state.pop("clock"), r"state\['clock'\] is None"),
-    (lambda state: state.pop("made_of"), "other plants"),
-    (lambda state: state.update(made_of=np.zeros(32, dtype=np.uint8)), "other plants"),
+    (lambda state: state.pop("made_of"), "different plants"),
+    (lambda state: state.update(made_of=np.zeros(32, dtype=np.uint8)), "different plants"),
 ]
 
 
