@@ -49,6 +49,7 @@ def test_a_light_pendulum_is_designed_by_default_with_margins(tmp_path, capsys):
     assert made.alpha in ALPHAS[1:] and made.gamma == gamma_for(PENDULUM, made.alpha)
 
 
+@pytest.mark.slow
 def test_the_number_in_the_way_is_named():
     """A loop that is unstable for its light rotors has margins with the rotors that the sentence names."""
     arm = dataclasses.replace(PENDULUM, motor_inertia=(0.003, 0.0008))

@@ -32,6 +32,7 @@ def _errors(torques):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_the_worst_guest_that_is_found_stays_within_the_bound_and_reaches_a_good_part_of_it(bound):
     """Each torque is of the sign that moves the last tip furthest, by finite differences."""
     slopes = np.zeros((STEPS, 2))
