@@ -70,7 +70,15 @@ def bred(genes: np.ndarray, found: np.ndarray, rng: np.random.Generator) -> np.n
 def exactly(bound: TipBound, genes: np.ndarray) -> float | None:
     """Return the ratio of one plant (GENES, 1) integrated event by event; None where the set needs more than that."""
     plants = bound.claim.plants
-    if bound.claim.start or plants.friction == "any" or plants.force_swing or plants.force_course or any(plants.noise):
+    shielded = bound.claim.policy.startswith("shield")  # what a guest asks for is bred, too
+    if (
+        shielded
+        or bound.claim.start
+        or plants.friction == "any"
+        or plants.force_swing
+        or plants.force_course
+        or any(plants.noise)
+    ):
         return None
     one = Plants(bound.claim, genes)
     fields = ("mass", "inertia", "motor_inertia", "stiffness", "damping", "viscous_friction")
