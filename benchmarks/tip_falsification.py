@@ -71,14 +71,8 @@ def exactly(bound: TipBound, genes: np.ndarray) -> float | None:
     """Return the ratio of one plant (GENES, 1) integrated event by event; None where the set needs more than that."""
     plants = bound.claim.plants
     shielded = bound.claim.policy.startswith("shield")  # what a guest asks for is bred, too
-    if (
-        shielded
-        or bound.claim.start
-        or plants.friction == "any"
-        or plants.force_swing
-        or plants.force_course
-        or any(plants.noise)
-    ):
+    more = (plants.friction == "any", plants.force_swing, plants.force_course, *plants.noise)
+    if shielded or bound.claim.start or any(more):
         return None
     one = Plants(bound.claim, genes)
     fields = ("mass", "inertia", "motor_inertia", "stiffness", "damping", "viscous_friction")
