@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from measuring import made_now, options_of, printed, write_rows
-from tip_bound import CLAIMS, COUNTED, exact_errors, set_of
+from tip_bound import CELLS, CLAIMS, COUNTED, exact_errors, set_of
 from tip_plants import Plants, random_genes
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -44,7 +44,8 @@ OWN = (
 
 def claims() -> list[TipClaim]:
     """Return what is tried."""
-    return [*(claim for claim in CLAIMS if set_of(claim) in SETS or claim.policy.startswith("shield")), *OWN]
+    whole = [claim for claim in CLAIMS if set_of(claim) not in CELLS]
+    return [*(claim for claim in whole if set_of(claim) in SETS or claim.policy.startswith("shield")), *OWN]
 
 
 def ratios(bound: TipBound, genes: np.ndarray) -> np.ndarray:
