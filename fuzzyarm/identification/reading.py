@@ -263,6 +263,9 @@ def _pieces(
     if len(gear) not in (0, 1, joints):
         raise ValueError(f"gear has {len(gear)} ratios; allowed: one, or one for each of {joints} joints")
     ratio = np.array([checks.real("gear", one, low=1.0 / _LARGEST_GEAR, high=_LARGEST_GEAR) for one in gear] or [1.0])
+    for key in units:
+        if key not in _UNITS and (key.startswith("time") or not 1 <= int(key.lstrip("dqtau")) <= joints):
+            raise ValueError(f"units has {shown(key)}; allowed: time, q, dq, tau, and q1, dq1, tau1 to joint {joints}")
     kinds = [role.rstrip("0123456789") for role in roles]
     part = {kind: values[whole][:, [one == kind for one in kinds]] for kind in _UNITS}
     names = np.array([table.names[k] for k in roles.values()])

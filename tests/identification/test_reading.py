@@ -306,6 +306,8 @@ def test_the_stamp_of_a_header_is_the_time(tmp_path):
         ({"columns": {"q1": "hip"}}, "column hip for q1 does not exist; columns: time, q1"),
         ({"columns": {"q1": "tau1"}}, "q1 and tau1 refer to the same column tau1"),
         ({"units": {"angle": "deg"}}, "a key of units = angle is unknown; choose from: time, q, dq, tau"),
+        ({"units": {"tau3": "Nm"}}, "units has tau3; allowed: time, q, dq, tau, and q1, dq1, tau1 to joint 2"),
+        ({"units": {"time1": "s"}}, "units has time1"),
         ({"units": {"q": 0.0}}, "unit of q = 0.0 is out of range"),
         ({"columns": {"tau1": "tau1_counts"}}, "column tau1_counts for tau1 seems to be in counts"),
         ({"gear": (1.0, 2.0, 3.0)}, "gear has 3 ratios; allowed: one, or one for each of 2 joints"),
