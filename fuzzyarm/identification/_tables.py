@@ -36,7 +36,7 @@ _STEADY = 3  # lines of numbers in a row with which the table begins
 _AGREE = 0.8  # share of these lines
 _FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the folder of a ROS 2 bag"
 _BAG = (".mcap", ".db3")
-_SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), a column of q and tau a joint"
+_SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), each joint a column"
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
 _UNIT = re.compile(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*")

@@ -35,7 +35,10 @@ _UNITS = {
     "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3},
 }
 """SI units in each unit, as `_tables.unit_of` writes it."""
-_RAW = frozenset(("counts", "count", "cnt", "ticks", "ma", "a", "amp", "ampere", "amps", "v", "mv", "percent", "raw"))
+# Endings of names that state no unit of an angle or a torque; a small a or v may be the name of a joint.
+_RAW = frozenset(
+    ["counts", "count", "cnt", "ticks", "mA", "ma", "A", "amp", "amps", "ampere", "V", "mV", "mv", "percent"]
+)
 _ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # stated by a name: time_ms
 _WORDS = {
     "time": "time t timestamp timestamps stamp seconds sec zeit",
@@ -165,13 +168,15 @@ def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
         return
     if not is_given:
         roles["time"] = next((k for k in every if "stamp" in words[k]), roles["time"])
-        table.remarks.append(f"its time is column {shown(table.names[roles['time']])}; others: --columns time=NAME")
+        table.remarks.append(
+            f"its time is column {shown(table.names[roles['time']])}; --columns time=NAME chooses another"
+        )
     for other in every:
-        apart = np.abs(table.values[:, other] - table.values[:, roles["time"]])
-        if words[other] == words[roles["time"]] and np.nanmax(apart, initial=0.0) > 0.0:
+        apart = np.nan_to_num(np.abs(table.values[:, other] - table.values[:, roles["time"]])).max(initial=0.0)
+        if words[other] == words[roles["time"]] and apart > 0.0:
             raise ValueError(
                 f"its columns {roles['time'] + 1} and {other + 1} are both times and differ by up to "
-                f"{np.nanmax(apart):.3g}; write all signals at common instants, with one column of time"
+                f"{apart:.3g}; write all signals at common instants, with one column of time"
             )
 
 
@@ -271,10 +276,11 @@ def _pieces(
     names = np.array([table.names[k] for k in roles.values()])
     size = {kind: _unit(table, kind, names[[one == kind for one in kinds]].tolist(), units) for kind in _UNITS}
     for role, place in roles.items():
-        kind, own = role.rstrip("123456789"), unit_of(re.split(r"[\W_]", table.names[place])[-1])
-        if own in _RAW and kind != "time" and not {kind, role} & set(units):
+        name, kind = table.names[place], role.rstrip("123456789")
+        own = re.split(r"[\W_]", name)[-1]
+        if own in _RAW and kind != "time" and name not in table.units and not {kind, role} & set(units):
             raise ValueError(
-                f"column {shown(table.names[place])} for {role} seems to be in {own}; give the size of its unit in SI "
+                f"column {shown(name)} for {role} seems to be in {own}; give the size of its unit in SI "
                 f"units, as in --units {role}=0.12"
             )
 

@@ -293,6 +293,11 @@ def test_each_joint_may_have_a_unit_of_its_own(tmp_path):
     np.testing.assert_allclose(log.angle, np.radians(ANGLE), rtol=1e-6)
 
 
+def test_joints_may_have_letters(tmp_path):
+    (log,) = read_log(written(tmp_path, table("time,q_a,q_v,tau_a,tau_v")))
+    np.testing.assert_allclose(log.torque, TORQUE, atol=1e-8)
+
+
 def test_the_stamp_of_a_header_is_the_time(tmp_path):
     rows = [f"{float(row.split(',')[0]) * 1.3},{row}" for row in ROWS[1:]]
     (log,) = read_log(written(tmp_path, "\n".join(["%time,stamp,q1,q2,tau1,tau2", *rows])))

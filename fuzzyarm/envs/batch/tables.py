@@ -147,7 +147,7 @@ def tabulated(
 
 
 def _shared(compute: Callable[..., Any], *arguments: Any) -> Any:
-    """Return compute(*arguments), where nothing in the arguments can change the same one for all batches.
+    """Return compute(*arguments). If nothing in the arguments can change, all batches share one result.
 
     The 320 references of the learning task take a second to tabulate, and their table has 30 MB.
     """
