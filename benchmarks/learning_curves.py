@@ -3,14 +3,17 @@
     python benchmarks/learning_curves.py [--json FILE] [--learner NAME]
 
 PPO and SAC of stable-baselines3 with their defaults on 64 and 16 lanes, PPO in one file of torch
-(`examples/ppo_one_file.py`), PPO of stable-baselines3 tuned (`examples/sb3_tuned.py`, two minutes), and `fuzzyarm train
-ppo`. Of each training the tip error over its processor time is kept;
-of what it made, the score N on the held-out set, and the errors in the paper's three cases. Neither chose any setting.
+(`examples/ppo_one_file.py`), PPO of stable-baselines3 tuned (`examples/sb3_tuned.py`, two minutes), `fuzzyarm train
+ppo`, and the examples of TorchRL and rsl_rl (extra `clients`, two minutes). Of each training except the last two, the
+tip error over its processor time is kept; of what it made, the score N on the held-out set, and the errors in the
+paper's three cases. Neither chose any setting.
 """
 
 from __future__ import annotations
 
 import importlib
+import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,11 +30,14 @@ from fuzzyarm import __version__, load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.score import scores
+from fuzzyarm.policies._onnx_model import OnnxPolicy
 from fuzzyarm.policies._sb3 import sb3_policy
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SEEDS = range(5)
 PPO_STEPS, SAC_STEPS = 150_000, 100_000
+CLIENTS = {"PPO of TorchRL": ("torchrl", 450_000), "PPO of rsl_rl": ("rsl_rl", 3_400_000)}
 Curve = list[tuple[float, float, float]]  # processor time [s], steps, tip error [mm]
 
 
@@ -66,10 +72,21 @@ def of_example(name: str, seconds: float) -> Callable[[int, Path, Curve], Any]:
     """Return the training of an example."""
 
     def train(seed: int, folder: Path, curve: Curve) -> Any:
-        sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
+        sys.path.append(str(EXAMPLES))
         example = importlib.import_module(name)
         example.train(seed, seconds, lambda *point: curve.append(point)).save(folder / "policy")
         return load_policy(folder / "policy", control_period=1e-3)
+
+    return train
+
+
+def of_client(library: str, steps: int) -> Callable[[int, Path, Curve], Any]:
+    """Return the training of an example that writes an ONNX file, in a process of its own."""
+
+    def train(seed: int, folder: Path, curve: Curve) -> Any:
+        command = [sys.executable, str(EXAMPLES / f"train_{library}.py"), str(steps), "--seed", str(seed)]
+        subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        return OnnxPolicy(folder / f"{library}.onnx", ArmParameters(), 1e-3)
 
     return train
 
@@ -97,6 +114,7 @@ LEARNERS = {
     "PPO in one file, ten minutes": of_example("ppo_one_file", 600.0),
     "PPO of stable-baselines3, tuned": of_example("sb3_tuned", 120.0),
     "fuzzyarm train ppo": by_trainer,
+    **{name: of_client(*client) for name, client in CLIENTS.items()},
 }
 
 
@@ -104,15 +122,15 @@ def measured(learner: str, seed: int) -> dict[str, Any]:
     """Train with one seed, and return the curve, the score and the errors."""
     curve: Curve = []
     torch.set_num_threads(1)
-    began = time.process_time()
+    began = sum(os.times()[:4])
     with tempfile.TemporaryDirectory() as folder:
         policy = LEARNERS[learner](seed, Path(folder), curve)
-    spent, document = time.process_time() - began, scores({"own": policy})
+    spent, document = sum(os.times()[:4]) - began, scores({"own": policy})
     found = document["policies"]["own"]
     cases = evaluate_cases(policy)
     return {
         **made_now(),
-        **{"learner": learner, "seed": seed, "seconds": spent, "steps": curve[-1][1] if curve else 0},
+        **{"learner": learner, "seed": seed, "seconds": spent, "steps": curve[-1][1] if curve else CLIENTS[learner][1]},
         **{"N": found["N"], "q90_mm": found["rms_mm"]["90 %"], "lost_percent": found["lost_percent"]},
         "cases_mm": [cases[f"{case}_rms_mm"] for case in PAPER_CASES],
         "curve": [[round(value, 3) for value in point] for point in curve[:: max(1, len(curve) // 60)]],
@@ -122,8 +140,9 @@ def measured(learner: str, seed: int) -> dict[str, Any]:
 def draw(document: dict[str, Any]) -> Figure:
     """Return the figure: the tip error over the time of one core, a panel for each learner, a line for each seed."""
     figure = Figure(figsize=(10.0, 2.8), layout="constrained")
-    panels = figure.subplots(1, len(document["runs"]), sharey=True)
-    for panel, (learner, runs) in zip(panels, document["runs"].items(), strict=True):
+    watched = {learner: runs for learner, runs in document["runs"].items() if runs[0]["curve"]}
+    panels = figure.subplots(1, len(watched), sharey=True)
+    for panel, (learner, runs) in zip(panels, watched.items(), strict=True):
         for run in runs:
             seconds, _, error = zip(*run["curve"], strict=True)
             panel.semilogy(seconds, error, linewidth=1.0)

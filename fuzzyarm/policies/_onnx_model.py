@@ -1,7 +1,7 @@
 """A model in an ONNX file that acts in ``FuzzyArmLearn-v0``, as a policy of this package.
 
 Its first input holds observations (lanes, size) in float32, its first output actions (lanes, n), which are clipped to
-[-1, 1]; onnxruntime runs the graph, which contains no code.
+[-1, 1]; a model whose shape is for one lane runs once for each. onnxruntime runs the graph, which contains no code.
 """
 
 from __future__ import annotations
@@ -64,12 +64,15 @@ class OnnxPolicy(Policy):
             reason = re.sub(r"\s+", " ", str(error))[:200]
             raise ValueError(f"{path} is not an ONNX model that onnxruntime can run: {reason}") from None
         given, *others = self._session.get_inputs()
-        if others or given.type != "tensor(float)" or len(given.shape) != 2 or not isinstance(given.shape[1], int):
+        lanes, *sizes = given.shape
+        sized = [isinstance(size, int) for size in sizes] == [True] and (lanes == 1 or not isinstance(lanes, int))
+        if others or given.type != "tensor(float)" or not sized:
             found = ", ".join(f"{one.name} {one.type} {one.shape}" for one in (given, *others))
             raise ValueError(
-                f"{path}: its inputs are {found}; needed: one input of type tensor(float) and shape (lanes, size)"
+                f"{path}: its inputs are {found}; needed: one input of type tensor(float) and shape (lanes, size) or "
+                "(1, size)"
             )
-        self._input, joints = given.name, joints_of(robot)
+        self._input, self._one_by_one, joints = given.name, lanes == 1, joints_of(robot)
         definition, action = (
             learning_features(joints, past_seen(path, given.shape[1], joints)),
             action or learning_action(robot),
@@ -98,7 +101,8 @@ class OnnxPolicy(Policy):
         torque[:] = self._scale * memory[:, 1 : 1 + self.joints]
 
     def _run(self, features: np.ndarray) -> np.ndarray:
-        return np.asarray(self._session.run(None, {self._input: features})[0])
+        parts = np.split(features, len(features)) if self._one_by_one else [features]
+        return np.concatenate([self._session.run(None, {self._input: part})[0] for part in parts])
 
     def __reduce__(self) -> Any:
         raise TypeError("a policy from an ONNX file cannot be pickled; load the file in each process")

@@ -539,11 +539,11 @@ class _Friction:
             return (self.needed.size() + strong * self.static[1]) * _UP
         if self.plan == "held":
             if not self.net.size() + spread < weak * self.static[0] * (1.0 - 1e-9):
-                raise _Refused(f"motor {j + 1} is claimed at rest but may begin to move")
+                raise _Refused(f"the file says that motor {j + 1} rests, but it may begin to move")
             return 0.0
         if self.plan == "slip":
             if not (low if self.side > 0 else -high) > 0.0:
-                raise _Refused(f"motor {j + 1} is claimed in motion but may stop")
+                raise _Refused(f"the file says that motor {j + 1} turns, but it may stop")
             falling, rising = plant.slopes(j, *sorted((abs(low), abs(high))))
             bent = max(abs(falling + self.slope), abs(rising + self.slope)) + self.uncertain * max(-falling, rising)
             return (self.missed + bent * tube_v) * _UP

@@ -105,7 +105,8 @@ def check_like(name: str, found: Any, own: Any) -> None:
     own = _as_tensors(own)
     if isinstance(own, dict) and own:
         if not isinstance(found, dict) or set(found) != set(own):
-            raise ValueError(f"{name} does not have the names of this training")
+            given = f"has the entries {sorted(map(str, found))}" if isinstance(found, dict) else f"is {shown(found)}"
+            raise ValueError(f"{name} {given}; needed: the entries {sorted(map(str, own))}")
         for key, value in own.items():
             check_like(f"{name}.{key}", found[key], value)
     elif isinstance(own, torch.Tensor):

@@ -233,7 +233,10 @@ def test_leaving_the_joint_box_terminates_with_the_reason(way):
 
 BAD_ACTIONS = [
     ([[1.0, 2.0]], r"action has shape \(1, 2\); it must be \(2,\)"),
-    ([1.0, np.nan], r"action = \[1\.0, nan\] N m is not finite; allowed: ±\[500\.0, 250\.0\]"),
+    (
+        [1.0, np.nan],
+        r"action = \[1\.0, nan\] N m is not finite; allowed: finite torques, limited to ±\[500\.0, 250\.0\]",
+    ),
 ]
 
 

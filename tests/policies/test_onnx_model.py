@@ -24,7 +24,7 @@ from fuzzyarm.policies._sb3 import sb3_policy  # noqa: E402
 ARM = ArmParameters()
 
 
-def written(path, size, outputs=2, kind=TensorProto.FLOAT, extra=()):
+def written(path, size, outputs=2, kind=TensorProto.FLOAT, extra=(), lanes="n"):
     """Write tanh layers as an ONNX file, and return their weights."""
     rng = np.random.default_rng(size)
     layers = [0.3 * rng.normal(size=shape).astype(np.float32) for shape in ((8, size), (outputs, 8))]
@@ -33,18 +33,18 @@ def written(path, size, outputs=2, kind=TensorProto.FLOAT, extra=()):
         helper.make_node("Tanh", ["a"], ["b"]),
         helper.make_node("MatMul", ["b", "w1"], ["y"]),
     ]
-    inputs = [helper.make_tensor_value_info(name, kind, ["n", size]) for name in ("x", *extra)]
-    output = [helper.make_tensor_value_info("y", kind, ["n", outputs])]
+    inputs = [helper.make_tensor_value_info(name, kind, [lanes, size]) for name in ("x", *extra)]
+    output = [helper.make_tensor_value_info("y", kind, [lanes, outputs])]
     stored = [numpy_helper.from_array(np.ascontiguousarray(w.T), f"w{k}") for k, w in enumerate(layers)]
     graph = helper.make_graph(nodes, "g", inputs, output, stored)
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
     return layers
 
 
-@pytest.mark.parametrize("history", [0, 2])
-def test_it_is_the_bundle_of_the_same_layers(history, tmp_path):
+@pytest.mark.parametrize(("history", "lanes"), [(0, "n"), (2, "n"), (0, 1)])
+def test_it_is_the_bundle_of_the_same_layers(history, lanes, tmp_path):
     features = learning_features(2, history)
-    layers = written(tmp_path / "m.onnx", features.size)
+    layers = written(tmp_path / "m.onnx", features.size, lanes=lanes)
     network = Network(np.zeros(features.size), np.ones(features.size), 1e6, tuple(layers), (np.zeros(8), np.zeros(2)))
     ours = OnnxPolicy(tmp_path / "m.onnx", ARM, 1e-3)
     theirs = LearnedPolicy(PolicyBundle(features, learning_action(ARM), network), 1e-3)
@@ -66,6 +66,10 @@ def test_it_is_the_bundle_of_the_same_layers(history, tmp_path):
         ({"size": 11}, "its input has 11 numbers; an observation of FuzzyArmLearn-v0 has 10"),
         ({"size": 10, "outputs": 3}, r"its output has shape \(1, 3\) for one lane; needed: \(1, 2\)"),
         ({"size": 10, "extra": ("h",)}, r"its inputs are x tensor\(float\) \['n', 10\], h"),
+        (
+            {"size": 10, "lanes": 4},
+            r"its inputs are x tensor\(float\) \[4, 10\]; needed: .* \(lanes, size\) or \(1, size\)",
+        ),
         ({"size": 10, "kind": TensorProto.DOUBLE}, "is not an ONNX model that onnxruntime can run"),
     ],
 )

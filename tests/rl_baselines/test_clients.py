@@ -1,9 +1,12 @@
 """``FuzzyArmLearn-v0`` passes the checkers of the libraries that learn it, and their pages run.
 
-The libraries come with the extra ``clients``: ``python -m pytest -m slow tests/rl_baselines/test_clients.py``.
+The libraries come with the extra ``clients``: ``python -m pytest -m slow tests/rl_baselines/test_clients.py``. For
+CleanRL's own script, install tyro and tensorboard, and name the file: ``FUZZYARM_CLEANRL=ppo_continuous_action.py``.
 """
 
 import importlib
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,9 +15,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.policies._onnx_model import OnnxPolicy
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv, FuzzyArmLearnVectorEnv
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
 
 
 def test_the_wrappers_that_cleanrl_puts_around_an_environment_take_it():
@@ -54,6 +60,22 @@ def test_the_loop_of_cleanrl_finds_the_ended_episodes_of_the_batch():
 
 
 @pytest.mark.slow
+@pytest.mark.skipif("FUZZYARM_CLEANRL" not in os.environ, reason="FUZZYARM_CLEANRL does not name CleanRL's script")
+def test_cleanrls_own_script_trains_with_the_lines_of_the_page(tmp_path):
+    page = (ROOT / "docs/tutorials/train.md").read_text(encoding="utf-8")
+    making, ended = re.search(r"```python\n(    envs = .*?\n)\n(.*?\n)```", page, re.DOTALL).groups()
+    script = Path(os.environ["FUZZYARM_CLEANRL"]).read_text(encoding="utf-8")
+    script, made = re.subn(r"    envs = gym\.vector\.SyncVectorEnv\(.*?\n    \)\n", making, script, flags=re.DOTALL)
+    script, told = re.subn(r"( +episod\w+ = .*final_info.*\n){3}", ended, script)
+    assert (made, told) == (1, 1)
+    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    command = [sys.executable, "script.py", "--num-envs", "64", "--num-steps", "32", "--total-timesteps", "20000"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "episodic_return=" in done.stdout
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [None, "SameStep", "Disabled"])
 def test_torchrl_finds_nothing_wrong(mode):
     torchrl = pytest.importorskip("torchrl.envs")
@@ -75,11 +97,13 @@ def test_torchrl_finds_nothing_wrong(mode):
         ("train_rsl_rl", "rsl_rl", "12288 --device cpu"),
     ],
 )
-def test_the_pages_of_other_libraries_run(script, library, words):
+def test_the_pages_of_other_libraries_run(script, library, words, tmp_path):
     pytest.importorskip(library)
     command = [sys.executable, str(EXAMPLES / f"{script}.py"), *words.split()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
+    for file in tmp_path.glob("*.onnx"):
+        assert OnnxPolicy(file, ArmParameters(), 1e-3).action_period == 2e-3
 
 
 @pytest.mark.slow

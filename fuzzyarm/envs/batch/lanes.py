@@ -193,7 +193,9 @@ class Lanes:
         if not np.isfinite(action).all():
             bad = int(np.argmin(np.isfinite(action).all(axis=1)))
             found, limit = action[bad].tolist(), self.torque_limit(bad)
-            raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
+            raise ValueError(
+                f"action = {found} N m of lane {bad} is not finite; allowed: finite torques, limited to ±{limit} N m"
+            )
         room = self._memory.room()
         self._workers.run(self._step_in(room, action))
         return self.layout.split(room.array(), self.count)

@@ -73,7 +73,10 @@ def integrate(
     time, events, modes = start, 0, [plant.mode(joint, y) for joint in range(2)]
     while time < stop:
         if events > _MAX_EVENTS:
-            raise RuntimeError(f"more than {_MAX_EVENTS} stick-slip events before t = {time!r} s, state {y}")
+            raise RuntimeError(
+                f"the motors stopped or broke loose more than {_MAX_EVENTS} times before t = {time!r} s; state {y}. "
+                "Give a shorter duration or a smoother torque"
+            )
         solution = solve_ivp(
             functools.partial(plant.derivative, tuple(modes)),
             (time, stop),

@@ -98,7 +98,8 @@ def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
         kind = "U" if name == "belief_names" else _SINGLE.get(name, "f")
         shape = shapes.get(name, (steps, joints))
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
-            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
+            needed = {"U": "strings", "f": "floats", "i": "integers", "b": "booleans"}.get(kind, kind)
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {needed} of shape {shape}")
         unknown = np.isnan(array) if name == "beliefs" else False
         if kind == "f" and name != "step_time" and not (unknown | (np.abs(array) <= _LARGEST)).all():
             raise ValueError(f"{name} must be finite and within ± {_LARGEST:g}")

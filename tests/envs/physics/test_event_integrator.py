@@ -96,7 +96,7 @@ def test_the_static_torque_itself_holds_without_an_event_and_more_breaks_away(di
 def test_too_many_events_name_time_and_state(monkeypatch):
     monkeypatch.setattr(event_integrator, "_MAX_EVENTS", 1)
     start, torque, seconds, _ = EVENTS["many"]
-    with pytest.raises(RuntimeError, match=r"more than 1 stick-slip events before t = .* s, state \["):
+    with pytest.raises(RuntimeError, match=r"more than 1 times before t = .* s, state \["):
         solve(start, torque, seconds)
 
 

@@ -220,7 +220,7 @@ def test_the_page_opens_with_the_best_four_in_the_hardest_case(chromium, many_fo
     assert chromium.run(ticked) == [COMPARED[k] for k in (3, 5, 6, 8)]
 
 
-# Text of a chart is not cut at its own box, only at the edge of the chart; its `scrollWidth` depends on when it was drawn.
+# Text of a chart is cut at the edge of the chart, not at its own box; its `scrollWidth` depends on when it was drawn.
 CLIPPED = """[...document.querySelectorAll(
   '.values li, .readout, .readout *, .chip, .remark, #key li, td, .chart text')]
 .filter((part) => part.getClientRects().length && !part.closest('details:not([open])')).filter((part) => {
