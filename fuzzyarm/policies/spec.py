@@ -180,9 +180,10 @@ class PolicySpec:
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, DESCRIPTION, LAST, WEIGHTS
 
         if self.kind is Kind.CODE and not self.run_code:
+            what = "a model of another library" if foreign(self.name) else "code"
             raise ValueError(
-                f"{self.name} names code, which load_policy does not run: import it yourself, or use fuzzyarm evaluate "
-                "--policy"
+                f"{self.name} names {what}, which load_policy does not run: use fuzzyarm evaluate --policy {self.name}"
+                + ("" if foreign(self.name) else ", or import it yourself")
             )
         if self.kind is not Kind.LEARNED or self.path is None:
             return
