@@ -294,10 +294,13 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 
 
 def is_bound(path: Path) -> bool:
-    """Return whether a file begins like the file of a bound, single or by cells; OSError if it is unreadable."""
+    """Return whether a file begins like the file of a bound, single or by cells, of any version.
+
+    OSError if it is unreadable.
+    """
     with open_regular(path) as file:
         begin = file.read(64)
-    return any(schema.encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
+    return any(schema.rpartition("/")[0].encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
 
 
 def check_bound(path: Path) -> BoundCheck:
@@ -306,7 +309,11 @@ def check_bound(path: Path) -> BoundCheck:
     ValueError if there is no such file, or it is damaged, or its policy has changed; OSError if it cannot be read.
     """
     content = read_json(path)
-    by_cells = isinstance(content, dict) and content.get("schema") == _CELLS_SCHEMA
+    by_cells = isinstance(content, dict) and str(content.get("schema")).startswith(_CELLS_SCHEMA.rpartition("/")[0])
+    try:
+        check_schema(content, _CELLS_SCHEMA if by_cells else _SCHEMA)
+    except ValueError as error:
+        raise DocumentError(f"{path}: {error}; find the bound again with fuzzyarm prove") from None
     return (_check_cells if by_cells else _check_tube)(path, content)
 
 

@@ -1,9 +1,8 @@
 """A second checker of proven tip bounds, which imports nothing of this package.
 
-It reads the file of a bound and the controller file of its law as JSON and derives the bound again with equations of
-its own, written from the pages of the documentation. Of the file's tube it uses the centre y(t), the radii ρ and the
-plan of each friction. On a segment of length h, with a plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants
-p = p_0 + Δp π, |π| <= 1, all of this must hold:
+It reads the file of a bound and the controller file of its law and derives the bound again, by equations of its own. Of
+the file's tube it uses the centre y(t), the radii ρ and the plan of each friction. On a segment of length h, with a
+plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of this must hold:
 
 1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), A linearised at the middle of the segment, a(t) the torques of the
    constants along the centre, and |w| <= w̄ what A omits wherever |S ξ| <= ρ: defects of the centre, derivatives of the
@@ -31,12 +30,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flint import acb, arb, arb_mat, ctx
+from flint import acb, arb, arb_mat, arb_series, ctx
 
 __all__ = ["SecondCheck", "check"]
 
 _LOOSER, _GRAIN = 1.01, 5e-8  # factor, and [m] at an instant, by which the own bound may be above the file's
-_LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip")
+_LAWS, _OMEGA = ("fuzzy-4-tip", "fuzzy-4-sampled-tip", "computed-torque-tip"), 70  # ω of computed torque [rad/s]
 _SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
 _CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
 _PERIOD, _BITS, _SMALL, _ULPS, _UP = 1e-3, 96, 2.0**-44, 2.0**-48, 1.0 + 1e-10
@@ -48,12 +47,11 @@ _ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
 _Q, _V, _DQ, _BEND, _RATE, _NET, _MOTOR, _LINK = (slice(i, i + 2) for i in range(2, 18, 2))
 _SEEN, _JOINTS, _LINKS = [2, 3, 6, 7, 16, 17], slice(2, 4), slice(4, 6)  # rows of δq, δq̇ and δq̈; channels of w
 _RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
-_FIXED: dict[str, Any] = {
-    "payload": [0.0, 0.0], "force": [1.0, 1.0], "force_swing": 0.0, "force_course": 0.0, "noise": [0.0, 0.0], "late": 0,
-}  # fmt: skip
+_FIXED: dict[str, Any] = {"payload": [0.0, 0.0], "force": [1.0, 1.0], "noise": [0.0, 0.0], "late": 0}
+_FIXED |= {"force_swing": 0.0, "force_course": 0.0}
 _DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
-_NONE = ("arm", "points", "start")  # fields of a claim that have to be null
-_KNOWN: Any = {"case": "nominal", "path": "circle", "laps": "one", "later": [], **dict.fromkeys(_NONE)}
+_NONE = dict.fromkeys(("arm", "points", "start"))  # fields of a claim that have to be null
+_KNOWN: Any = {"case": "nominal", "path": "circle", "laps": "one", "later": []} | _NONE
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -140,8 +138,7 @@ class _Claim:
         odd = [] if self.policy in _LAWS else [f"the law {self.policy!r}, only {' and '.join(_LAWS)}"]
         odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
         odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value != _KNOWN[name]]
-        odd += [f"sets with {name}" for name in self.plants if name not in _DEFAULTS]
-        odd += [f"sets with {name}" for name, value in _FIXED.items() if self.plants[name] != value]
+        odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
         whole = abs(self.duration / _PERIOD - round(self.duration / _PERIOD)) < 1e-9
         return ", ".join([*odd, *([] if whole else ["a duration of broken periods"])])
 
@@ -296,8 +293,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
     """Return the sign of θ̇_d at rest: zero but for rounding of 11 τ - 18 τ + 9 τ - 2 τ, a sum repeated in doubles."""
-    (one, two), g = robot["length"], robot["gravity"]
-    (m1, m2), (r1, r2) = robot["mass"], robot["mass_center"]
+    (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
     q2 = 2.0 * math.atan2(math.sqrt((outer - r) * (outer + r)), math.sqrt((r - inner) * (r + inner)))
@@ -312,21 +308,11 @@ def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
 
 
 class _Law:
-    """u = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r + u_ff, e and r of θ_d, z = (cos θ_2, -c_5 sinc(θ_1 + θ_2)).
+    """u = own(θ, θ̇, x_I; r) + u_ff, where own vanishes at r = (θ_d, θ̇_d, θ̈_d) with x_I = 0."""
 
-    L(z) r = -A(z) (θ_d, θ̇_d) + E(z) θ̈_d is affine in z, so that the rules blend it exactly.
-    """
-
-    def __init__(self, document: dict[str, Any], duration: float) -> None:
-        robot = self.robot = {name: _read(value) for name, value in document["robot"].items()}
-        if document["kept"] != ["z1", "z3"] or document["form"] != "consistent" or not document["integral"]:
-            raise _Refused("the controller file must have the consistent form with integral action and keep z1 and z3")
-        self.nominal, self.duration = _Plant(robot, _DEFAULTS), duration
-        self._bounds = [[arb(x) for x in _read(document["bounds"])[i]] for i in (0, 2)]
-        gains = _read(document["gains"])  # by vertex of A (z3), of E (z1), and joint
-        self._gains = [[[[arb(x) for x in row] for row in gains[i][k]] for k in _BOTH] for i in _BOTH]
-        self._past: list[list[Any]] = []  # τ_d of the last samples, the latest first
-        self._before: list[Any] = []
+    def __init__(self, robot: dict[str, Any], duration: float) -> None:
+        self.robot, self.nominal, self.duration = robot, _Plant(robot, _DEFAULTS), duration
+        self._past, self._before = list[Any](), list[Any]()  # τ_d of the last samples, the latest first; what u_ff had
 
     def _target(self, k: int) -> tuple[list[Any], list[Any]]:
         """Return r = (θ_d, θ̇_d, θ̈_d) (6,) and u_ff (2,) at the k-th sample, in balls."""
@@ -352,50 +338,67 @@ class _Law:
         u_ff = [_about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff]
         return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
-    def _blended(self, z: list[Any], j: int) -> tuple[list[Any], list[Any], list[Any]]:
-        """Return the gains (6,) of joint j at premises z, and their derivatives by both of them."""
-        widths = [high - low for low, high in self._bounds]
-        w1, w3 = ((x - low) / width for x, (low, _), width in zip(z, self._bounds, widths, strict=True))
-        if not (0 < w1 < 1 and 0 < w3 < 1):
-            raise _Refused("a premise may leave its bounds")
-        corners = list(zip(*(self._gains[i][k][j] for i in _BOTH for k in _BOTH), strict=True))
-        gains = [(1 - w3) * ((1 - w1) * a + w1 * b) + w3 * ((1 - w1) * c + w1 * d) for a, b, c, d in corners]
-        by_1 = [((1 - w3) * (b - a) + w3 * (d - c)) / widths[0] for a, b, c, d in corners]
-        return gains, by_1, [((1 - w1) * (c - a) + w1 * (d - b)) / widths[1] for a, b, c, d in corners]
+    def _slopes(self: Any, x: list[Any], r: list[Any]) -> list[list[Any]]:
+        """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at x = (θ, θ̇, x_I): the linear terms of power series in each of them."""
+        along = ([arb_series([a, int(i == k)], prec=2) for i, a in enumerate(x)] for k in range(6))
+        return [list(row) for row in zip(*([u[1] for u in self._own(series, r)] for series in along), strict=True)]
 
-    def _premises(self, x: list[Any]) -> list[Any]:
-        return [x[1].cos(), -self.nominal.c[4] * (x[0] + x[1]).sinc()]
-
-    def _slopes(self, x: list[Any], r: list[Any]) -> list[list[Any]]:
-        """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at x = (θ, θ̇, x_I)."""
-        z, both, c2 = self._premises(x), x[0] + x[1], self.nominal.c[1]
-        turn, error = -self.nominal.c[4] * (both.cos() - both.sinc()) / both, _less(x, r)
-        ahead, slopes = [(c2 * (2 * r[4] + r[5]), -r[1]), (c2 * r[4], -r[0] - r[1])], []
-        for j in _BOTH:
-            gains, by_1, by_3 = self._blended(z, j)
-            first = (_dot(by_1, error) + ahead[j][0]) * -x[1].sin()
-            third = (_dot(by_3, error) + ahead[j][1]) * turn
-            slopes.append([gains[0] + third, gains[1] + first + third, *gains[2:]])
-        return slopes
-
-    def respond(self, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, np.ndarray, list[Any]]:
+    def respond(self: Any, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, Any, list[Any]]:
         """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
         (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
-        slopes, c2 = self._slopes(wide, r), self.nominal.c[1]
-        centre = np.array([[float(a.mid()) for a in row] for row in self._slopes(x, r)])
-        z, aim = self._premises(x), self._premises(r)
-        first, third = z[0] - aim[0], z[1] - aim[1]
-        own = [c2 * first * (2 * r[4] + r[5]) - third * r[1], c2 * first * r[4] - third * (r[0] + r[1])]
-        u, rest = [], np.zeros(2)
-        for j in _BOTH:
-            gains, error = self._blended(z, j)[0], _less(wide, r)
-            u.append(_dot(gains, _less(x, r)) + own[j] + u_ff[j])
-            left = np.array([_upper(a - c) for a, c in zip(slopes[j], centre[j].tolist(), strict=True)]) @ box
+        centre, rest = np.vectorize(lambda a: float(a.mid()))(self._slopes(x, r)), np.zeros(2)
+        for j, (slopes, gains) in enumerate(zip(self._slopes(wide, r), self._gains_at(wide), strict=True)):
             # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
-            sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in error])) + 200.0 * sum(map(_upper, r)) + 1.0
-            rest[j] = left + 2.0 * _ULPS * sizes
-        return u, centre, rest * _UP, r[:2]
+            sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in _less(wide, r)]))
+            rest[j] = _distance(slopes, centre[j]) @ box + 2.0 * _ULPS * (sizes + 200.0 * sum(map(_upper, r)) + 1.0)
+        return [own + ahead for own, ahead in zip(self._own(x, r), u_ff, strict=True)], centre, rest * _UP, r[:2]
+
+
+class _ComputedTorque(_Law):
+    """own = f(θ, θ̇, θ̈_d - 3ω ė - 3ω² e - ω³ x_I) - f(r), f(q, v, a) = M(q) a + C(q, v) v + g(q) + f_v v."""
+
+    def _own(self, x: list[Any], r: list[Any]) -> list[Any]:
+        n, e, w, both = self.nominal, _less(x, r), _OMEGA, []
+        asked = [r[4 + j] - w * (3 * e[2 + j] + w * (3 * e[j] + w * e[4 + j])) for j in _BOTH]
+        for y, a in ((x, asked), (r, r[4:])):
+            links = link_torque(n.c, y[:2], y[2:4], a)
+            both.append([links[j] + n.inertia[j] * a[j] + n.viscous[j] * y[2 + j] for j in _BOTH])
+        return [a - b for a, b in zip(*both, strict=True)]
+
+    def _gains_at(self, x: list[Any]) -> list[list[Any]]:
+        """Return the gains of (e, ė, x_I), (2, 6), which are M(q) times those of the law."""
+        n, w, rows = self.nominal, _OMEGA, _link_slopes(self.nominal.c, x, [0, 0], [0, 0])[2]
+        rows = [[a + n.inertia[j] * int(i == j) for i, a in enumerate(row)] for j, row in enumerate(rows)]
+        return [[factor * a for factor in (3 * w * w, 3 * w, w**3) for a in row] for row in rows]
+
+
+class _Fuzzy(_Law):
+    """own = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r, L affine in z = (cos θ_2, -c_5 sinc(θ_1 + θ_2))."""
+
+    def __init__(self, document: dict[str, Any], duration: float) -> None:
+        super().__init__({name: _read(value) for name, value in document["robot"].items()}, duration)
+        if document["kept"] != ["z1", "z3"] or document["form"] != "consistent" or not document["integral"]:
+            raise _Refused("the controller file must have the consistent form with integral action and keep z1 and z3")
+        self._bounds = [[arb(x) for x in _read(document["bounds"])[i]] for i in (0, 2)]
+        at = [pair for half in _read(document["gains"]) for pair in half]  # by vertex of A (z3) and of E (z1)
+        self._corners = [[list(map(arb, four)) for four in zip(*(pair[j] for pair in at), strict=True)] for j in _BOTH]
+
+    def _premises(self, x: list[Any]) -> list[Any]:
+        return [x[1].cos(), -self.nominal.c[4] * (x[0] + x[1]).sin() / (x[0] + x[1])]
+
+    def _gains_at(self, x: list[Any]) -> list[list[Any]]:
+        w1, w3 = ((z - low) / (high - low) for z, (low, high) in zip(self._premises(x), self._bounds, strict=True))
+        if not all(0 < w < 1 for w in (w1, w3) if isinstance(w, arb)):
+            raise _Refused("a premise may leave its bounds")
+        shares = [(1 - w3) * (1 - w1), (1 - w3) * w1, w3 * (1 - w1), w3 * w1]
+        return [[_dot(shares, four) for four in joint] for joint in self._corners]
+
+    def _own(self, x: list[Any], r: list[Any]) -> list[Any]:
+        z, aim, c2 = self._premises(x), self._premises(r), self.nominal.c[1]
+        first, third = z[0] - aim[0], z[1] - aim[1]
+        ahead = [c2 * first * (2 * r[4] + r[5]) - third * r[1], c2 * first * r[4] - third * (r[0] + r[1])]
+        return [_dot(gains, _less(x, r)) + own for gains, own in zip(self._gains_at(x), ahead, strict=True)]
 
 
 def _less(x: list[Any], r: list[Any]) -> list[Any]:
@@ -590,15 +593,16 @@ class _Tube:
     """The tube: iterating gives bounds of the tip error at the end of each control step, and at any instant of it."""
 
     def __init__(self, claim: _Claim) -> None:
-        name = claim.policy.removesuffix("-tip") + ".json"
-        content = (_CONTROLLERS / name).read_bytes()
-        if claim.files != {name: hashlib.sha256(content).hexdigest()}:
-            raise _Refused(f"{name} is not the controller file for which the bound was found")
-        self._claim, self._law = claim, _Law(json.loads(content), claim.duration)
-        robot = self._law.robot
-        if any(robot.get(name) != value for name, value in _TABLE_1.items()):
+        self._claim, name = claim, claim.policy.removesuffix("-tip") + ".json"
+        self._law: Any = _ComputedTorque(_TABLE_1, claim.duration)
+        if claim.policy != "computed-torque-tip":
+            content = (_CONTROLLERS / name).read_bytes()
+            if claim.files != {name: hashlib.sha256(content).hexdigest()}:
+                raise _Refused(f"{name} is not the controller file for which the bound was found")
+            self._law = _Fuzzy(json.loads(content), claim.duration)
+        if any(self._law.robot.get(field) != value for field, value in _TABLE_1.items()):
             raise _Refused(f"{name} is not for the arm of Table 1")
-        self._plant = plant = _Plant(robot, claim.plants)
+        self._plant = plant = _Plant(self._law.robot, claim.plants)
         if not 1 <= len(claim.steps) == len(claim.tip) <= round(claim.duration / _PERIOD):
             raise _Refused(
                 f"{len(claim.steps)} control steps and {len(claim.tip)} samples; their numbers must be equal, from 1 "
@@ -672,7 +676,7 @@ class _Tube:
         whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
         if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
             raise _Refused("a segment must have 18 radii, two plans, two modes, and a duration of at most one period")
-        motion = _Motion(part["angles"], h, begin)
+        motion, T = _Motion(part["angles"], h, begin), self._claim.duration
         self._move(motion.at(arb(-1)))
 
         def pull(x: Any, v: Any) -> list[Any]:
@@ -684,16 +688,13 @@ class _Tube:
             bent = [y[j] - y[2 + j] for y in (x, v) for j in _BOTH]
             return [*bent, *net, *v[:2], *a[:2], *needed, *x[2:], *v[2:], *a[2:]]
 
-        def defects(x: Any, v: Any, a: Any, _: Any) -> list[Any]:
-            return [t - r for t, r in zip(pull(x, v), link_torque(p.c, x[2:], v[2:], a[2:]), strict=True)]
-
-        def off(x: Any, _v: Any, _a: Any, t: Any) -> list[Any]:
-            target = _on_circle(t, self._claim.duration)[0]
-            return [a - b for a, b in zip(_tip(x[2:], p.length)[0], target, strict=True)]
-
-        slips = [lambda _x, v, _a, _t: [p.friction(j, v[j]) for j in _BOTH]]
-        weights = [lambda x, v, a, _, c=c: link_torque(c, x[2:], v[2:], a[2:]) for c in p.masses.values()]
-        exact, (defect, errors, slip, *mass) = motion.courses(linear, [defects, off, *slips, *weights])
+        others = [
+            lambda x, v, a, _: [t - r for t, r in zip(pull(x, v), link_torque(p.c, x[2:], v[2:], a[2:]), strict=True)],
+            lambda x, _v, _a, t: [a - b for a, b in zip(_tip(x[2:], p.length)[0], _on_circle(t, T)[0], strict=True)],
+            lambda _x, v, _a, _t: [p.friction(j, v[j]) for j in _BOTH],
+            *(lambda x, v, a, _, c=c: link_torque(c, x[2:], v[2:], a[2:]) for c in p.masses.values()),
+        ]
+        exact, (defect, errors, slip, *mass) = motion.courses(linear, others)
         names = ("bend", "rate", "net", "v", "a", "needed", "q", "dq", "ddq")
         along = {name: exact[2 * i : 2 * i + 2] for i, name in enumerate(names)} | {"slips": slip, "defect": defect}
         own = [[along[name][j] for name in ("net", "needed", "v", "a", "slips")] for j in _BOTH]
@@ -714,9 +715,7 @@ class _Tube:
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(
-                f"row {row + 1} reaches {reached[row]:.4g} and leaves the tube, whose radius is {radii[row]:.4g}"
-            )
+            raise _Refused(f"row {row + 1} leaves the tube: {reached[row]:.4g} is above its radius {radii[row]:.4g}")
         linear_part[2](w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":

@@ -28,7 +28,7 @@ class Options:
     json: bool = False
     """Print the claims as JSON"""
     twice: bool = False
-    """Also check a bound with the second checker, which shares no code with the first; it knows two laws"""
+    """Also check a bound with the second checker, which shares no code with the first; it knows three laws"""
 
     def run(self) -> int:
         """Print the claims; return 1 if one is not proven."""
