@@ -21,7 +21,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, per_joint_of
 from fuzzyarm.fuzzy_policy.laws._gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, SmoothObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
@@ -256,13 +256,14 @@ def _tip(policy: TipPolicy) -> _Law:
 
 
 def _observer(policy: ElasticObserverPolicy) -> _Law:
-    schedule = schedule_of(policy.parameters)
+    schedule, smooth = schedule_of(policy.parameters), isinstance(policy, SmoothObserverPolicy)
+    moved = "without dry friction under tau - F(v) sign v, v as for -tip," if smooth else "with friction under tau"
     equations = (
         "x = (theta, q, dtheta, dq) of motors and links, d = load on the links; theta_d, dtheta_d, u_ff as for -tip",
         "(x, d) := (x, d) + L (measured motor angles and velocities - theta, dtheta)",
         "u = u_ff - d - K (x - x_d),   x_d = (theta_d - d/stiffness, q_d, dtheta_d, dq_d)",
         "tau_j = min(max(u_j, -Gamma_j), Gamma_j)",
-        "(x, d) := the arm with friction under tau and d, a control period later (equations of motion in the docs)",
+        "(x, d) := the arm " + moved + " and d, a control period later (equations of motion in the docs)",
         "K, L interpolated linearly between the points of the schedule, even in "
         + ("cos q2 from -1 to 1" if schedule.cosine else "the kept angles"),
     )

@@ -14,7 +14,15 @@ from typing import Any, NamedTuple
 from fuzzyarm.common.checks import listed, shown
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, PAPERS, TIP, Kind
+from fuzzyarm.policies.registry import (
+    ADAPTIVE_OBSERVER,
+    COMPUTED_TORQUE,
+    ELASTIC_OBSERVER,
+    PAPERS,
+    SMOOTH_OBSERVER,
+    TIP,
+    Kind,
+)
 from fuzzyarm.policies.spec import PolicySpec, resolve
 
 __all__ = ["HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
@@ -91,6 +99,13 @@ _NAMED = {
             "estimate of state and load",
         ),
         (
+            SMOOTH_OBSERVER,
+            "that of elastic-observer, whose gains it has",
+            "nothing of its own",
+            _ELASTIC,
+            "estimate of state and load",
+        ),
+        (
             ADAPTIVE_OBSERVER,
             "mean and worst largest tip error, and noise in Case 1",
             "random plants, forces, payloads, delays, noise and references; the paper's circle without load",
@@ -116,6 +131,7 @@ _POSTURES = "random postures of {}; all else of the arm of Table 1"
 _ON_ROBOTS = {  # which takes its numbers from those of Table 1
     COMPUTED_TORQUE: ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
     ELASTIC_OBSERVER: ("weights of Table 1, softened until there are margins", _POSTURES),
+    SMOOTH_OBSERVER: ("that of elastic-observer, whose gains it has", "nothing of its own"),
     ADAPTIVE_OBSERVER: (
         "weights of Table 1, softened until the regulator is stable",
         f"{_POSTURES}; two numbers for all robots on passes of the UR5 in Case 2",

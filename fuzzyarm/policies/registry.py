@@ -86,6 +86,12 @@ def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
     return make_law(ADAPTIVE_OBSERVER, robot, control_period, None, certified)
 
 
+def _smooth_observer(robot: AnyArm, control_period: float) -> Policy:
+    from fuzzyarm.fuzzy_policy.laws.elastic_observer import SmoothObserverPolicy
+
+    return SmoothObserverPolicy(robot, control_period)
+
+
 def _printed(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.controller import Controller
@@ -102,6 +108,8 @@ _HOME = Path(__file__).parent.parent / "fuzzy_policy"
 _CONTROLLERS, _TRAINED = _HOME / "controllers", _HOME / "laws" / "learned" / "policies"
 _PAPERS_FOUR = _HOME.parent / "eval" / "paper" / "controllers" / "paper-4-integral-common.json"
 
+SMOOTH_OBSERVER = "smooth-observer"
+
 PAPERS = ("paper-4", "paper-4-printed")
 """The paper's own law with four rules: Theorem 2 solved as printed, and the gains that the paper prints."""
 
@@ -115,6 +123,7 @@ POLICIES = Registry[_NamedPolicy](
         COMPUTED_TORQUE: _NamedPolicy(Kind.LAW, partial(make_law, COMPUTED_TORQUE), has_tip=True),
         ELASTIC_OBSERVER: _NamedPolicy(Kind.LAW, partial(make_law, ELASTIC_OBSERVER)),
         ADAPTIVE_OBSERVER: _NamedPolicy(Kind.LAW, _adaptive_observer),
+        SMOOTH_OBSERVER: _NamedPolicy(Kind.LAW, _smooth_observer),
         PAPERS[0]: _NamedPolicy(Kind.CONTROLLER, path=_PAPERS_FOUR, has_tip=True),
         PAPERS[1]: _NamedPolicy(Kind.LAW, _printed),
         **{name: _NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},

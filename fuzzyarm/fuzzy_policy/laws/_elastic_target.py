@@ -86,6 +86,12 @@ def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) ->
     return q + (now - b * (rate - b * curvature)) / k, velocity, acceleration, smooth
 
 
+def dry_friction_ahead(velocity: Any, acceleration: Any, dry: Any, c: TargetConstants) -> Any:
+    """Return the dry friction [N m] of a joint at the middle of the next hold, for θ̇_d and θ̈_d."""
+    middle = velocity + c.ahead * c.period * acceleration
+    return stribeck_magnitude(middle, dry) * sign(middle)
+
+
 @functools.cache
 def target_of(physics: Physics) -> Any:
     """Return ``target(past, seen, constants)`` for arms with these equations: (past, `Aim`, u_ff) of a sample."""
@@ -100,8 +106,7 @@ def target_of(physics: Physics) -> Any:
             q, dq, ddq = seen.q_reference[j], seen.dq_reference[j], seen.ddq_reference[j]
             theta, velocity, acceleration, smooth = motor_target((now, latest, second, third), q, dq, ddq, drive, T)
             before = select(begins, smooth, past.smooth[j])
-            middle = velocity + c.ahead * T * acceleration
-            slip = stribeck_magnitude(middle, drive.dry_friction) * sign(middle)
+            slip = dry_friction_ahead(velocity, acceleration, drive.dry_friction, c)
             u_ff = smooth + c.ahead * (smooth - before) + c.friction * slip
             found.append((latest, second, smooth, theta, velocity, acceleration, u_ff))
         latest, second, smooth, theta, velocity, acceleration, u_ff = zip(*found, strict=True)

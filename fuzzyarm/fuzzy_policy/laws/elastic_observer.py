@@ -10,6 +10,12 @@ and links, and an unknown torque d on the links (a tip force, a payload), modell
 θ_d and u_ff are those of `elastic_target`; K_t⁻¹ d̂ is the bending that the joints need not provide because d̂ supports
 the links. The prediction uses the torque within its limits, as the motors do, so there is no windup at a limit.
 
+`SmoothObserverPolicy` predicts with the dry friction of θ̇_d in place of that of the estimated velocity:
+
+    predict   (x̂, d̂)⁻ = the step of the nominal elastic arm without dry friction under u - μ(|θ̇_d|) sign θ̇_d.
+
+Its prediction has no stick, hence no branches, so its motions over a set of arms stay together and can be enclosed.
+
 K and L are tabulated by `observer_gains` over the angles of `gain_schedule` and interpolated. The integral action is in
 d̂: a constant torque on the links leaves no error at the tip.
 """
@@ -26,17 +32,25 @@ from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.friction import dry_friction_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import Physics
-from fuzzyarm.fuzzy_policy.known_arm import without_dry_friction
+from fuzzyarm.fuzzy_policy.known_arm import numbers_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, within
 from fuzzyarm.fuzzy_policy.laws import observer_gains
-from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget, Past, TargetConstants, past_of, target_of
+from fuzzyarm.fuzzy_policy.laws._elastic_target import (
+    ElasticTarget,
+    Past,
+    TargetConstants,
+    dry_friction_ahead,
+    past_of,
+    target_of,
+)  # fmt: skip
 from fuzzyarm.fuzzy_policy.laws._gain_schedule import corners_of, on_table
 from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 
-__all__ = ["Constants", "ElasticObserverPolicy", "Observed", "steps_of"]
+__all__ = ["Constants", "ElasticObserverPolicy", "Observed", "SmoothObserverPolicy", "steps_of"]
 
 _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
@@ -82,7 +96,7 @@ class ElasticObserverPolicy(LawPolicy):
         """The law of the module's docstring."""
         memory = Observed(past_of(self.joints), 0.0, Estimate(*[(0.0,) * self.joints] * len(Estimate._fields)))
         tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
-        return Law(_law_of(*self.where), memory, self._numbers, tables, told=True)
+        return Law(self._law(*self.where), memory, self._given, tables, told=True)
 
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
@@ -95,6 +109,27 @@ class ElasticObserverPolicy(LawPolicy):
         self._target = ElasticTarget(parameters, self.control_period)
         limit, substep = tuple(map(float, self.torque_limit)), self.control_period / self._substeps
         self._numbers = Constants(self._target.constants, limit, substep, float(self._substeps))
+
+    @property
+    def _law(self) -> Any:
+        return _law_of
+
+    @property
+    def _given(self) -> Any:
+        return self._numbers
+
+
+class SmoothObserverPolicy(ElasticObserverPolicy):
+    """The observer whose prediction has no stick, see the module; arguments and memory are the same."""
+
+    @property
+    def _law(self) -> Any:
+        return _smooth_law_of
+
+    @property
+    def _given(self) -> Any:
+        arm, _ = numbers_of(without_dry_friction(self.parameters))
+        return self._numbers, arm
 
 
 class Observed(NamedTuple):
@@ -131,7 +166,7 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
 
     ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `_Corrected`.
     ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].
-    ``predict(x, applied, c)`` returns (x̂, d̂)⁻ of the next sample under the applied torques.
+    ``predict(x, applied, c, arm)`` returns (x̂, d̂)⁻ of the next sample under the applied torques, for an arm.
     """
     target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints
 
@@ -169,10 +204,10 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
         unloaded = [u - d for u, d in zip(found.u_ff, x.load, strict=True)]
         return on_table(feedback, found.corners, -1.0, error, unloaded)
 
-    def predict(x: Estimate, applied: Any, c: Constants) -> Estimate:
+    def predict(x: Estimate, applied: Any, c: Constants, arm: Any) -> Estimate:
         held, load = PerJoint(*applied), PerJoint(*x.load)
         state = State(*(PerJoint(*part) for part in x[: len(State._fields)]))
-        state = repeat(c.substeps, lambda now: physics.loaded_step(now, held, load, c.target.arm, c.h), state)
+        state = repeat(c.substeps, lambda now: physics.loaded_step(now, held, load, arm, c.h), state)
         return Estimate(*(tuple(part) for part in (*state, x.load)))
 
     return correct, act, predict
@@ -188,6 +223,26 @@ def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) 
         found = correct(memory, seen, c, observer)
         torque = act(found, seen, c, feedback)
         applied = within(physics.PerJoint(*torque), c.limit) if admit is None else admit(torque)
-        return Observed(found.past, 1.0, predict(found.x, applied, c)), torque
+        return Observed(found.past, 1.0, predict(found.x, applied, c, c.target.arm)), torque
 
     return elastic_observer
+
+
+@functools.cache
+def _smooth_law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
+    correct, act, predict = steps_of(physics, kept, cosine, points)
+
+    def smooth_observer(
+        memory: Observed, seen: Observation, given: Any, feedback: Any, observer: Any, admit: Any = None
+    ) -> tuple[Observed, Any]:
+        c, arm = given
+        found, dry = correct(memory, seen, c, observer), c.target.drives.dry_friction
+        torque = act(found, seen, c, feedback)
+        applied = within(physics.PerJoint(*torque), c.limit) if admit is None else admit(torque)
+        moving = [
+            u - dry_friction_ahead(v, a, dry_friction_of(dry, j), c.target)
+            for j, (u, v, a) in enumerate(zip(applied, found.aim.dq, found.aim.ddq, strict=True))
+        ]
+        return Observed(found.past, 1.0, predict(found.x, moving, c, arm)), torque
+
+    return smooth_observer

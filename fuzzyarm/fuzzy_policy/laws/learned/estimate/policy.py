@@ -186,7 +186,7 @@ class LearnedObserverPolicy(LawPolicy):
             applied = limited if admit is None else admit(torque)
             for i, u in enumerate(applied):
                 m.commands[0, i] = u
-            observed = Observed(found.past, 1.0, predict(found.x, applied, c))
+            observed = Observed(found.past, 1.0, predict(found.x, applied, c, c.target.arm))
             kalman.predict(m, s, room, adaptive)
             return _Memory(observed, residual, m, h), torque, z, context, base
 
