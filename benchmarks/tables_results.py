@@ -126,7 +126,8 @@ def _speeds(bench: dict[str, Any]) -> str:
     return (
         f"**Speed**, control steps a second: {one[0]} thousand with one arm ({one[1]} times Gymnasium's Pendulum), "
         f"{many[0]} thousand with 1024 arms ({many[1]} times the same arm in MuJoCo at equal tip accuracy). Not "
-        f"compared: GPU simulators; no GPU has run the tensors. `{bench['command']}`; {made_with(bench)}"
+        "compared: GPU simulators; the torch version has not been run on a GPU. "
+        f"`{bench['command']}`; {made_with(bench)}"
     )
 
 
