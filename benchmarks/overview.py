@@ -1,6 +1,6 @@
 """The README's table: errors in the paper's cases, with noisy encoders, and over random plants.
 
-    python benchmarks/overview.py [--plants N] [--json FILE]
+    python benchmarks/overview.py [--plants N] [--only NAME...] [--json FILE]
 
 The rms tip error of each policy in the three cases, without noise and with noise of 10 µrad and 1 mrad/s on the
 encoders (median of five episodes), and the largest tip error that 99 % of the plants of `plant_errors` stay below in
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from compared_policies import POLICIES
-from measuring import options_of, printed, write
+from measuring import made_now, options_of, printed, write_rows
 from plant_errors import FIRST_SEED, errors_of
 
 from fuzzyarm import load_policy
@@ -27,7 +27,7 @@ from fuzzyarm.policies.spec import resolve
 
 SHOWN = (
     *("paper-4-printed", "paper-4", "fuzzy-1", "fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip"),
-    *("elastic-observer", "adaptive-observer", "learned-observer", "ppo-robust", "ppo-residual"),
+    *("elastic-observer", "smooth-observer", "adaptive-observer", "learned-observer", "ppo-robust", "ppo-residual"),
 )
 NOISE = EncoderNoise(1e-5, 1e-3)
 EPISODES = 5  # with noise
@@ -57,6 +57,7 @@ def row_of(name: str, plants: int, jobs: int | None) -> dict[str, Any]:
     largest = errors_of(shipped, plants, jobs, lambda done: None).largest_mm[: len(PAPER_CASES)]
     quantiles = np.quantile(largest, QUANTILE, axis=1, method="inverted_cdf")
     return {
+        **made_now(),
         "policy": name,
         "files": resolve(name).files(),
         "rms_mm": rms_mm(shipped),
@@ -71,9 +72,11 @@ def main() -> None:
     parser = options_of(__doc__)
     parser.add_argument("--plants", type=int, default=2000, help="plants for each policy (default: %(default)s)")
     parser.add_argument("--jobs", type=int, help="processes (default: one per core)")
+    parser.add_argument("--only", nargs="+", default=SHOWN, choices=SHOWN, help="measure these policies alone")
     options = parser.parse_args()
-    rows = printed(row_of(name, options.plants, options.jobs) for name in SHOWN)
-    write(options.json, f"overview.py --plants {options.plants}", first_seed=FIRST_SEED, rows=rows)
+    rows = printed(row_of(name, options.plants, options.jobs) for name in options.only)
+    command = f"overview.py --plants {options.plants}"
+    write_rows(options.json, command, rows, SHOWN, lambda row: row["policy"], first_seed=FIRST_SEED)
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def _named(policy: str, name: str, **parts: Any) -> TipClaim:
 
 
 MARGINS = ("1,0.5", "2,1", "4,2", "8,4", "16,8")  # of guests [N m]
-GUESTS = f"shield:fuzzy-4-tip:any:{MARGINS[2]}"
+GUESTS, SMOOTH_GUESTS = (f"shield:{law}:any:{MARGINS[2]}" for law in ("fuzzy-4-tip", "smooth-observer"))
 
 CLAIMS = (
     _named("fuzzy-4-tip", "table-1", laps="ever"),
@@ -103,6 +103,10 @@ CLAIMS = (
     _own("payload 0 to 5 kg", payload=(0.0, 5.0)),
     _named("elastic-observer", "table-1"),
     _named("elastic-observer", "any-friction"),
+    _named("smooth-observer", "table-1", laps="ever"),
+    _named("smooth-observer", "any-friction"),
+    _named("smooth-observer", "near", laps="ever"),
+    _own("payload 0 to 5 kg", "smooth-observer", payload=(0.0, 5.0)),
     _named("ppo-robust", "table-1"),
     TipClaim("ppo-robust", "payload", "table-1", SETS["table-1"]),
     _own("payload 0 to 10 g", "ppo-robust", payload=(0.0, 0.01)),
@@ -114,12 +118,12 @@ CLAIMS = (
     _own("stiffness ± 0.1 %", "ppo-residual", stiffness=(0.999, 1.001)),
     *(_named(f"shield:fuzzy-4-tip:any:{margin}", "table-1") for margin in MARGINS),
     _named(GUESTS, "near"),
-    _own("payload 0 to 5 kg", GUESTS, payload=(0.0, 5.0)),
+    *(_own("payload 0 to 5 kg", guests, payload=(0.0, 5.0)) for guests in (GUESTS, SMOOTH_GUESTS)),
 )
 """What is bounded."""
 
 CELLS: dict[str, list[Division]] = {
-    "payload 0 to 5 kg": [("payload", 8)],
+    "payload 0 to 5 kg": [("payload", 16)],
     WIDE: [("mass-2", 4)],
 }
 """Sets that are divided: the fields, and into how many parts; cells without a tube are halved."""

@@ -18,7 +18,7 @@ from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_pat
 from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws._gain_schedule import _GRID
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, SmoothObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     ObserverWeights,
     _sampled_arm,
@@ -220,6 +220,28 @@ def test_the_law_in_plain_numpy():
     np.testing.assert_allclose(
         policy.predict(observations, states)[0], np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8
     )
+
+
+def test_the_smooth_observer_predicts_without_stick_and_compensates_friction_by_the_reference():
+    """From each memory: the torque of the observer of an arm without dry friction, and F(v) sign v; one estimate."""
+    smooth, twin = SmoothObserverPolicy(), ElasticObserverPolicy().without_dry_friction()
+    envs = gym.make_vec(
+        "FuzzyArm-v0", num_envs=2, disturbance=[CASES["payload"].disturbance, CASES["nominal"].disturbance]
+    )
+    (observation, _), state, seen = envs.reset(seed=0), None, 0
+    for _ in range(700):
+        own, after = smooth.predict(observation, state)
+        other, of_twin = twin.predict(observation, state)
+        velocity = observation[:, 6:8]
+        moving = np.abs(velocity) > 0.1  # there the bending does not turn the motors' direction
+        friction = (4.0 + 2.0 * np.exp(-((velocity / 0.1) ** 2))) * np.array([1.0, 0.5]) * np.sign(velocity)
+        np.testing.assert_allclose((own - other)[moving], friction[moving], atol=0.3)
+        np.testing.assert_allclose(
+            np.hstack(smooth.estimate(after)), np.hstack(twin.estimate(of_twin)), rtol=0, atol=1e-9
+        )
+        seen += moving.sum()
+        (observation, *_), state = envs.step(own), after
+    assert seen > 1000
 
 
 @pytest.mark.parametrize(
