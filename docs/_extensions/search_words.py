@@ -21,7 +21,7 @@ WORDS = {
     "results/leaderboard": "challenge, leaderboard, submit, score, ranking",
     "theory/certificate": "proven, what is proven, proof, certificate, guarantee, stability",
     "controllers/choose": "which controller, choose controller, best controller",
-    "controllers/export": "export, c export, c code, fmu, simulink, onnx",
+    "controllers/export": "export, c export, c code, fmu, simulink, onnx, spaceex, hybrid automaton",
     "results/index": "results, benchmark, benchmark results",
     "paper/index": "paper, the paper, reproduce paper, reproduction",
 }

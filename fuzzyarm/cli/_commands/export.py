@@ -1,10 +1,10 @@
-"""`fuzzyarm export`: write a policy as C source or as ONNX, or a policy or the plant as an FMU."""
+"""`fuzzyarm export`: write a policy as C source, as ONNX or with its automaton, or a policy or the plant as an FMU."""
 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -21,11 +21,13 @@ class Options:
     The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates
     nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation by FMI 2.0; it
     holds the same source, and where there is a C compiler, the library for this machine. An ONNX file holds the same
-    operations for many arms at once, with the memory as an input and an output.
+    operations for many arms at once, with the memory as an input and an output. An automaton is the problem of
+    `fuzzyarm prove` for other verification tools: the arm with its set and starts, the references, and the law as ONNX.
     """
 
-    what: Annotated[str, Parameter(name="", metavar="c|fmu|onnx")]
-    """What is written: c (source), fmu (functional mock-up unit) or onnx (law and memory, needs the extra onnx)"""
+    what: Annotated[str, Parameter(name="", metavar="c|fmu|onnx|automaton")]
+    """What is written: c (source), fmu (functional mock-up unit), onnx (law and memory, needs the extra onnx) or
+    automaton (hybrid automaton of the arm in SpaceEx's format, and the law as ONNX)"""
     policy: Annotated[str, Parameter(metavar="NAME|FILE")]
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, a learned policy, or a controller
     file (.json, .json-tip); after fmu also plant, the arm itself"""
@@ -37,18 +39,25 @@ class Options:
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Robot by name, or TOML file of another arm or robot, for the plant and for policies without a file (default:
     Table 1 of the paper)"""
+    set: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """After automaton: set of plants, as for fuzzyarm prove (default: near)"""
+    start: Annotated[tuple[str, ...] | None, Parameter(metavar="FILE|NUMBERS", consume_multiple=True)] = None
+    """After automaton: box of starts, as for fuzzyarm prove (default: at rest on the path)"""
 
     def run(self) -> int:
         """Write the files and say which."""
         from fuzzyarm.cli._commands.show import loaded
         from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.export.automaton import export_automaton
         from fuzzyarm.export.c_files import export_c
         from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
         from fuzzyarm.export.onnx_file import export_onnx
         from fuzzyarm.policies import resolve
 
-        if self.what not in ("c", "fmu", "onnx"):
-            raise UsageError(f"{self.what} is not an export language; choose from: c, fmu, onnx")
+        if self.what not in ("c", "fmu", "onnx", "automaton"):
+            raise UsageError(f"{self.what} is not an export language; choose from: c, fmu, onnx, automaton")
+        if self.what != "automaton" and (self.set or self.start):
+            raise UsageError(f"--set and --start are for automaton, not for {self.what}; leave them out")
         if self.what != "c" and self.number != "double":
             raise UsageError(f"--number {self.number} is for C source; {self.what} computes in double")
         fmu, label = self.what == "fmu", self.policy
@@ -57,7 +66,9 @@ class Options:
         else:
             policy, label = loaded(label, self.robot), resolve(label).label
         with claimed_folder(self.out):
-            if self.what == "onnx":
+            if self.what == "automaton":
+                files = export_automaton(label, policy, _problem(self), self.out)
+            elif self.what == "onnx":
                 files = [export_onnx(label, policy, self.out)]
             elif not fmu:
                 files = export_c(label, policy, self.out, self.number)
@@ -67,3 +78,19 @@ class Options:
                 files = [export_controller_fmu(label, policy, self.out)]
         say("\n".join(f"written to {file}" for file in files))
         return 0
+
+
+def _problem(options: Options) -> Any:
+    """Return the problem of the options for an automaton."""
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.policies.tip_bound import TipClaim, problem_of
+    from fuzzyarm.proof.tip.laps import StartBox
+    from fuzzyarm.proof.tip.plant import find_set
+
+    arm = None if options.robot is None else chosen_arm(options.robot, None)
+    if not isinstance(arm, ArmParameters | None):
+        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; only two-joint arms have an automaton")
+    start = None if options.start is None else StartBox.of(options.start)
+    claim = TipClaim(options.policy, plants=find_set(options.set or "near"), start=start, arm=arm)
+    return problem_of(claim)

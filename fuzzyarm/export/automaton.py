@@ -1,0 +1,186 @@
+"""The elastic arm between two samples as a hybrid automaton for verification tools, in SpaceEx's format.
+
+With σ_j the direction of a motor, 0 where it sticks (Filippov), and u held for a period, a location (σ_1, σ_2) has
+
+    I θ̈ = u - Γ_t - f_v θ̇ - σ F(|θ̇|), or θ̇ = 0 in stick,    M(q) q̈ + C(q, q̇) q̇ + g(q) = Γ_t,
+
+and stick lasts while |u - Γ_t| <= F(0). At each sample the clock restarts, and u becomes the answer of the law, which
+is a file of its own. The package's functions of the plant run here on text: this is not another copy of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from fuzzyarm.common.files import write_once
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics import dynamics
+from fuzzyarm.envs.physics.friction import dry_friction_of, stribeck_magnitude
+from fuzzyarm.envs.physics.records import PerJoint, State
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.export.c_files import c_name
+from fuzzyarm.export.onnx_file import export_onnx
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.proof.tip.laps import StartBox
+from fuzzyarm.proof.tip.tube import Problem
+
+__all__ = ["export_automaton"]
+
+_STATES = [f"{name}{j}" for name in ("th", "q", "dth", "dq") for j in (1, 2)]
+_HELD = [*_STATES, "s", "u1", "u2"]
+_MODES = {-1: "back", 0: "stick", 1: "forth"}
+_FACTORS = {
+    **{"mass": ("mass", "inertia"), "dry_friction": ("static_friction", "coulomb_friction")},
+    **{name: (name,) for name in ("motor_inertia", "stiffness", "damping", "viscous_friction")},
+}
+"""By field of a set of plants, the parameters of the arm that it scales."""
+
+
+class _Text:
+    """A number as the text of an expression."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __neg__(self) -> _Text:
+        return _Text(f"(-{self.text})")
+
+
+def _operation(form: str) -> Callable[..., _Text]:
+    def operate(self: _Text, *other: Any) -> _Text:
+        texts = (one.text if isinstance(one, _Text) else repr(float(one)) for one in (self, *other))
+        return _Text(form.format(*texts))
+
+    return operate
+
+
+for _name, _sign in {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}.items():
+    setattr(_Text, f"__{_name}__", _operation(f"({{0}} {_sign} {{1}})"))
+    setattr(_Text, f"__r{_name}__", _operation(f"({{1}} {_sign} {{0}})"))
+for _name in ("sin", "cos", "exp"):
+    setattr(_Text, _name, _operation(f"{_name}({{0}})"))
+
+
+def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path) -> list[Path]:
+    """Write the problem of a bound of the tip error as NAME.xml, NAME.cfg, NAME.csv and NAME.onnx; return the files.
+
+    The automaton has the states `th`, `q` [rad], `dth`, `dq` [rad/s] of motors and links, the clock `s` [s], the held
+    torques `u` [N m], the law's answer `law` at a sample, and the factors and the payload [kg] of the set as constants.
+    The configuration holds the box of starts and the ranges, the table the references of every sample. The law is
+    that of `export_onnx`.
+
+    Raises:
+        ValueError: the problem has a load of a case, sensor errors, a delay, friction of any course, or a guest; or
+            `export_onnx` refuses the policy.
+        OSError: a file exists or cannot be written.
+    """
+    plants = problem.plants
+    odd = {
+        "the load of a case": problem.schedule.disturbance != Disturbance(),
+        "any friction": plants.friction == "any",
+        "encoder errors": any(plants.noise),
+        "a late torque": plants.late,
+        "a further force": plants.force_course,
+        "a guest": any(problem.guest),
+    }
+    if unknown := [words for words, found in odd.items() if found]:
+        raise ValueError(f"an automaton cannot have {' or '.join(unknown)}; choose another set, or the law alone")
+    ranges = {f"{field}{j + 1}": plants.of_joint(field, j) for field in _FACTORS for j in range(JOINTS)}
+    ranges["payload"] = plants.payload
+    head = "time," + ",".join(f"{name}_d{j}" for name in ("q", "dq", "ddq") for j in (1, 2))
+    rows = [[k * problem.period, *row] for k, row in enumerate(problem.schedule.references.tolist())]
+    texts = {
+        "xml": _xml(problem, list(ranges)),
+        "cfg": _configuration(problem.start, problem.box or StartBox(), ranges),
+        "csv": "\n".join([head, *(",".join(map(repr, row)) for row in rows)]) + "\n",
+    }
+    name, law = c_name(label), export_onnx(label, policy, folder)
+    return [*write_once(folder, {f"{name}.{ending}": text for ending, text in texts.items()}), law]
+
+
+def _xml(problem: Problem, constants: list[str]) -> str:
+    """Return the automaton."""
+    root = ET.Element("sspaceex", {"version": "0.2", "math": "SpaceEx"})
+    root.set("xmlns", "http://www-verimag.imag.fr/xml-namespaces/sspaceex")
+    arm, nets, static, flows = ET.SubElement(root, "component", id="arm"), *_equations(problem, constants)
+    for name in (*_HELD, "law1", "law2", *constants):
+        of = {"dynamics": "const" if name in constants else "any", "controlled": str(name in _HELD).lower()}
+        ET.SubElement(arm, "param", {"name": name, "type": "real", "local": "false", "d1": "1", "d2": "1", **of})
+    ET.SubElement(arm, "param", name="sample", type="label", local="false")
+    period = repr(problem.period)
+
+    def holds(j: int, mode: int) -> str:
+        """Return the condition under which a motor at rest is in a mode."""
+        sticks = f"{nets[j]} <= {static[j]} & {nets[j]} >= -{static[j]}"
+        return (sticks, f"{nets[j]} >= {static[j]}", f"{nets[j]} <= -{static[j]}")[mode]
+
+    def move(source: int, target: int, guard: str, becomes: str = "") -> None:
+        made = ET.SubElement(arm, "transition", source=str(source), target=str(target))
+        if becomes:
+            ET.SubElement(made, "label").text = "sample"
+            ET.SubElement(made, "assignment").text = becomes
+        ET.SubElement(made, "guard").text = guard
+
+    places = {modes: number for number, modes in enumerate(itertools.product(_MODES, repeat=JOINTS), 1)}
+    for modes, number in places.items():
+        location = ET.SubElement(arm, "location", id=str(number), name="_".join(_MODES[mode] for mode in modes))
+        kept = [f"{m} * dth{j + 1} >= 0" if m else f"dth{j + 1} == 0 & {holds(j, 0)}" for j, m in enumerate(modes)]
+        ET.SubElement(location, "invariant").text = " & ".join([f"s <= {period}", *kept])
+        ET.SubElement(location, "flow").text = " & ".join(f"{x}' == {rate}" for x, rate in flows(modes).items())
+        for j, mode in itertools.product(range(JOINTS), _MODES):
+            if mode != modes[j]:
+                target = places[tuple(mode if i == j else m for i, m in enumerate(modes))]
+                move(number, target, f"dth{j + 1} == 0 & {holds(j, mode)}")
+        move(number, number, f"s == {period}", "s := 0 & u1 := law1 & u2 := law2")
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[str], Any]:
+    """Return u - Γ_t and F(0) of each motor, and the function that returns the flows of a location."""
+    plant, factors = dynamics.plant_of(problem.parameters), {name: _Text(name) for name in constants}
+    for field, names in _FACTORS.items():
+        own = [factors[f"{field}{j + 1}"] for j in range(JOINTS)]
+        plant = plant._replace(**{
+            name: PerJoint(*(x * factor for x, factor in zip(getattr(plant, name), own, strict=True))) for name in names
+        })  # fmt: skip
+    arm = dynamics.loaded(dynamics.lump(plant), factors["payload"], plant.length[1], plant.gravity)
+    th, q, dth, dq = (PerJoint(_Text(f"{name}1"), _Text(f"{name}2")) for name in ("th", "q", "dth", "dq"))
+    joint, dry = dynamics.joint_torque(State(th, q, dth, dq), arm), [dry_friction_of(plant, j) for j in range(JOINTS)]
+    nets = [_Text(f"u{j}") - torque for j, torque in enumerate(joint, 1)]
+    coriolis = dynamics.coriolis_torque(q.joint2.sin(), *dq, arm)
+    gravity = dynamics.gravity_torque(q.joint1.sin(), (q.joint1 + q.joint2).sin(), arm)
+    right = [a - b - c for a, b, c in zip(joint, coriolis, gravity, strict=True)]
+    links = dynamics.solve_mass_matrix(q.joint2.cos(), right[0], right[1], arm)
+
+    def flows(modes: tuple[int, ...]) -> dict[str, str]:
+        motors = []
+        for mode, net, v, motor, its in zip(modes, nets, dth, dynamics.motors(arm, th), dry, strict=True):
+            slip = net - motor.viscous * v - float(mode) * stribeck_magnitude(v, its)
+            motors.append(slip * (1.0 / motor.motor_inertia))
+        moving = [rate.text if mode else "0" for part in (dth, motors) for rate, mode in zip(part, modes, strict=True)]
+        rates = [*moving[:2], *(v.text for v in dq), *moving[2:], *(rate.text for rate in links), "1", "0", "0"]
+        return dict(zip(_HELD, rates, strict=True))
+
+    return [net.text for net in nets], [its.static_friction.text for its in dry], flows
+
+
+def _configuration(start: np.ndarray, box: StartBox, ranges: dict[str, tuple[float, float]]) -> str:
+    """Return starts and ranges of the constants."""
+    held = ["s == 0 & u1 == law1 & u2 == law2"]
+    for j in range(JOINTS):
+        n, (th, q, dth, dq) = j + 1, start[j::JOINTS].tolist()
+        wide = [
+            float(np.broadcast_to(getattr(box, name), JOINTS)[j])
+            for name in ("angle", "bending", "velocity", "bending_velocity")
+        ]
+        parts = {f"th{n}": th, f"th{n} - q{n}": th - q, f"dth{n}": dth, f"dth{n} - dq{n}": dth - dq}
+        held += [f"{x} >= {a - w!r} & {x} <= {a + w!r}" for (x, a), w in zip(parts.items(), wide, strict=True)]
+    held += [f"{name} >= {low!r} & {name} <= {high!r}" for name, (low, high) in ranges.items()]
+    return 'system = "arm"\ninitially = "' + " & ".join(held) + '"\n'
