@@ -38,6 +38,7 @@ BOX, LAPS = StartBox(5e-4, 2e-5, 0.01, 0.01, 2e-5), 3  # about 1 mm at the tip; 
 OWN = (
     TipClaim("fuzzy-4-tip", "nominal", "force of any course to 3 N", PlantSet(force_course=3.0)),
     TipClaim("fuzzy-4-tip", "nominal", "encoders +-10 urad, +-1 mrad/s", PlantSet(noise=(1e-5, 1e-3))),
+    TipClaim("smooth-observer", set_name="payload 4.7 to 5 kg", plants=PlantSet(payload=(4.7, 5.0))),
     TipClaim("fuzzy-4-tip", set_name="near, any start, for ever", plants=SETS_BY_NAME["near"], laps="ever", start=BOX),
 )
 

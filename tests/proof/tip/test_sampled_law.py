@@ -23,7 +23,14 @@ from fuzzyarm.proof.tip.sampled_law import SampledLaw
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
 REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references[:321]
-MEMORY = {"fuzzy-4": 2, "fuzzy-16-tip": 2, "computed-torque-tip": 2, "elastic-observer": 10, "ppo-residual": 18}
+MEMORY = {
+    "fuzzy-4": 2,
+    "fuzzy-16-tip": 2,
+    "computed-torque-tip": 2,
+    "elastic-observer": 10,
+    "ppo-residual": 18,
+    "smooth-observer": 10,
+}
 NAMES = slow_but(["fuzzy-4", "elastic-observer", "ppo-residual"], [*MEMORY])
 
 
