@@ -35,16 +35,16 @@ from fuzzyarm.numbers.functions import repeat, zeros
 from fuzzyarm.numbers.machine import Kernel, Layout
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["ELASTIC", "RIGID", "Simulator", "Windows", "rms_errors", "simulated", "windows_of"]
+__all__ = ["EDGE", "ELASTIC", "RIGID", "Simulator", "Windows", "rms", "rms_errors", "simulated", "windows_of"]
 
 _CUTOFF = 20.0  # Hz, of the filter behind the states at the beginnings of windows
 _HIGHEST = 0.4  # cut-off frequency as a share of half the sampling rate, at most
-_EDGE = 0.15  # s at both ends of a log in which the filter has not settled
+EDGE = 0.15  # s at both ends of a log in which the filter has not settled
 _STILL = 0.02  # rad: windows in which no joint moves further than that say nothing
 _SMOOTH = 0.02  # v_0 [rad/s]
 _LARGEST_STEP = 1e-3  # s, of the rigid arm
 _LOST = 1e3  # rad, of a simulation that has run away
-_WORST = 10.0  # rad that an error counts at most
+_WORST = 10.0  # rad that an error or a motion counts at most
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ def windows_of(log: Log, number: int, length: float, every: float, points: int, 
     q = sosfiltfilt(cutoff, log.angle, axis=0)
     dq = np.gradient(q, log.period, axis=0)
     ddq = np.gradient(dq, log.period, axis=0)
-    steps, edge = max(round(length * rate), 4), round(_EDGE * rate)
+    steps, edge = max(round(length * rate), 4), round(EDGE * rate)
     first = np.arange(edge, len(q) - steps - edge, max(round(every * rate), 1))
     rows = first + np.arange(steps + 1)[:, np.newaxis]
     if len(first):
@@ -233,6 +233,10 @@ def rms_errors(
     for one in windows:
         lanes = np.repeat(theta[:, np.newaxis], len(one), axis=1)
         angles = simulated(simulator, one, lanes, simulator.states(one, theta, arm), arm)
-        errors: np.ndarray = np.sqrt(np.mean((angles - one.measured) ** 2, axis=0)).T
-        found.append(np.minimum(errors, _WORST))
+        found.append(rms(angles - one.measured))
     return found
+
+
+def rms(angles: np.ndarray) -> np.ndarray:
+    """Return the rms of each window's angles (K, 2, S) over its samples [rad], at most `_WORST`, (S, 2)."""
+    return np.asarray(np.minimum(np.sqrt(np.mean(angles**2, axis=0)), _WORST).T)

@@ -13,6 +13,7 @@ import datetime
 import io
 import itertools
 import math
+import operator
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -39,6 +40,7 @@ _BAG = (".mcap", ".db3")
 _SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), each joint a column"
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
+_MARKUP = {"JSON": r"\s*(\{|\[\s*[\[{])", "XML": r"\s*<", "YAML": r"(---|[\w ]+:)\s*\n"}  # how these begin
 _UNIT = re.compile(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*")
 _CLOCK = re.compile(r"(?:.*[\sT])?(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)\s*([AP]M)?(?:Z|[+-]\d\d:?\d\d)?", re.IGNORECASE)
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -85,10 +87,10 @@ def read_table(path: Path, topic: str | None = None) -> Table:
 
 
 def unit_of(text: str) -> str:
-    """Return a unit in one way of writing: "deg / s", "°/s" and "degree s^-1" are "deg/s"."""
+    """Return a unit in one way of writing: "deg / s", "°/s" and "degree s^-1" are "deg/s", "N-m" is "nm"."""
     short = re.sub(r"[\s*·⋅.]", "", text.strip().lower()).replace("μ", "µ").replace("µ", "u")
     short = re.sub(r"s\^?[-−]1$", "/s", short).replace("seconds", "s").replace("sec", "s")
-    short = re.sub(r"degrees?|°", "deg", short)
+    short = re.sub(r"(?<=[a-z])-(?=[a-z])", "", re.sub(r"degrees?|°", "deg", short))  # N-m
     return re.sub(r"(radian|turn|rev(olution)?)s?(?=/|$)", lambda found: found[1][:4].replace("radi", "rad"), short)
 
 
@@ -124,6 +126,11 @@ class _Style:
         cells = self.cells(line)
         row = [number if (number := self.number(cell)) is not None else math.nan for cell in cells]
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
+
+    def is_worded(self, line: str) -> bool:
+        """Return whether each cell of a line has a word."""
+        cells = self.cells(line)
+        return len(cells) == self.width and all(cell and self.number(cell) is None for cell in cells)
 
     def number(self, cell: str) -> float | None:
         """Return the number in a cell, the seconds of a date or time of day, NaN in an empty cell; None for a text."""
@@ -169,12 +176,15 @@ def _text(content: bytes) -> Table:
         raise ValueError("it is empty; needed: a heading such as time,q1,q2,tau1,tau2 and one line for each instant")
     if "\x00" in text[:4096]:
         raise ValueError(f"it is not text; logs are read from {_FORMATS}")
-    lines = [line for line in text.splitlines() if line.strip()]
+    every = text.splitlines()
+    lines = [line for line in every if line.strip()]
     middle = max(len(lines) // 2 - _PROBED // 2, min(1, len(lines) - 1))
     probed = lines[middle : middle + _PROBED]
     scores = [style.score(probed) for style in _STYLES]
     best = max(range(len(scores)), key=lambda k: scores[k][0])
     if scores[best][0] < _FEWEST_COLUMNS:
+        for kind in (one for one, beginning in _MARKUP.items() if re.match(beginning, text)):
+            raise ValueError(f"it is {kind}; write CSV with one line for each instant")
         raise ValueError(
             f"neither comma, semicolon, tab nor space divides its lines into {_FEWEST_COLUMNS} or more columns of "
             "numbers; write one line for each instant, with one delimiter throughout, not as in "
@@ -190,18 +200,27 @@ def _text(content: bytes) -> Table:
     # A line of a preamble may have as many numbers as a row.
     begins = (k for k, row in enumerate(rows) if all(rows[k : k + _STEADY]))
     first = next(begins, next((k for k, row in enumerate(rows) if row), len(rows)))
-    names, units = _heading(lines[:first], style)
     kept = [row for row in rows[first:] if row]
+    if not kept:
+        raise ValueError(f"none of its {len(lines)} lines is a row of numbers; line 1: {shown(lines[0])}")
+    is_numbered = bool((np.diff([row[0] for row in kept]) == 1.0).all())
+    later = [
+        line for line in itertools.compress(lines[first:], map(operator.not_, rows[first:])) if style.is_worded(line)
+    ]
+    todo = f"delete the lines before line {every.index(later[0]) + 1}, which seems to be the heading" if later else ""
+    names, units = _heading(lines[:first], style, is_numbered, todo)
+    for line in later:
+        again = _heading([line], style)[0]
+        if again != names and sorted(again) == sorted(names):
+            raise ValueError(f"line {every.index(line) + 1} has the columns in another order: split the file there")
     if len(kept) * style.width > _MOST_NUMBERS:
         raise ValueError(
             f"it has {len(kept) * style.width} numbers; allowed: at most {_MOST_NUMBERS}. Leave out columns"
         )
-    if not kept:
-        raise ValueError(f"none of its {len(lines)} lines is a row of numbers; line 1: {shown(lines[0])}")
     if len(kept) < len(rows) - first:
         remarks.append(f"{len(rows) - first - len(kept)} line(s) are cut off or have no numbers: left out")
-    numbered = [str(k + 1) for k in range(style.width)]
-    table = Table(names or numbered, units, np.array(kept, dtype=float), remarks, headed=bool(names))
+    places = [str(k + 1) for k in range(style.width)]
+    table = Table(names or places, units, np.array(kept, dtype=float), remarks, headed=bool(names))
     written = list(itertools.compress(lines[first:], rows[first:]))
     for k in np.flatnonzero(np.isnan(table.values).any(axis=0)).tolist():
         for row in np.flatnonzero(np.isnan(table.values[:, k]))[:_PROBED].tolist():
@@ -211,21 +230,29 @@ def _text(content: bytes) -> Table:
     return table
 
 
-def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]]:
-    """Return names of columns, none if there is no heading, and units from brackets or from a second line."""
+def _heading(
+    lines: list[str], style: _Style, is_numbered: bool = False, todo: str = ""
+) -> tuple[list[str], dict[str, str]]:
+    """Return names of columns, none if there is no heading, and units from brackets or from a second line.
+
+    If rows are numbered, that column may have no name, as in R. ValueError: names are missing; it says what `todo`.
+    """
     bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
     if style.delimiter is None:
         bare = [re.sub(r"\s+(?=[\[(])", "", line) for line in bare]
     cut = list(map(style.cells, bare))
     cut = [cells[: style.width] if style.trailing or cells[-1].lower() == "comment" else cells for cells in cut]
     found = [cells for cells in cut if len(cells) == style.width and any(cells)]
+    found = found or [["", *cells] for cells in cut if is_numbered and len(cells) == style.width - 1]
     if not found:
         worded = [line.strip() for line in lines if line.strip()[0] not in "#%" and re.search(r"[^\W\d]", line)]
         if worded:
             width = len(style.cells(worded[-1]))
-            comma = "; numbers with a decimal comma need a delimiter other than the comma"
+            todo = todo or f"write {style.width} names in the line above the numbers"
+            if style.delimiter == "," and style.width >= 2 * width - 1 > 1:
+                todo = "numbers with a decimal comma need a delimiter other than the comma"
             text = f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
-            raise ValueError(text + comma * (style.delimiter == "," and style.width >= 2 * width - 1))
+            raise ValueError(f"{text}; {todo}")
         return [], {}
     names, below = found[-1], [""] * style.width
     if len(found) > 1 and all(not cell or _UNIT.fullmatch(cell) for cell in names):

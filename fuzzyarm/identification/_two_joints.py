@@ -30,7 +30,7 @@ from fuzzyarm.identification._rigid import (
     start_of,
     static_ratio,
 )
-from fuzzyarm.identification._simulation import ELASTIC, RIGID, Simulator, Windows, rms_errors, windows_of
+from fuzzyarm.identification._simulation import ELASTIC, RIGID, Simulator, Windows, rms, rms_errors, windows_of
 from fuzzyarm.identification.log import Log
 
 __all__ = ["HORIZON", "Stages", "estimated", "units_of"]
@@ -118,9 +118,14 @@ def estimated(
 
 def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[[], None]) -> None:
     start = stages.start
-    windows = [windows_of(log, k, _WINDOW, _WINDOW, _POINTS, _MOST // len(logs)) for k, log in enumerate(logs)]
-    windows = [one for one in windows if len(one)]
-    if not windows:
+
+    def moving(length: float, every: float, points: int, most: int) -> list[Windows]:
+        """Return the windows of the logs that have any, see `windows_of`."""
+        parts = [windows_of(log, k, length, every, points, max(most // len(logs), 1)) for k, log in enumerate(logs)]
+        return [one for one in parts if len(one)]
+
+    windows, predicted = moving(_WINDOW, _WINDOW, _POINTS, _MOST), moving(HORIZON, _EVERY, 10**9, 10**9)
+    if not (windows and predicted):
         raise ValueError(
             "too little excitation: no joint moves by more than 0.02 rad within 0.4 s; record the motion that "
             "--suggest writes"
@@ -132,7 +137,6 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         for name in ("torque", "dq")
     )
     friction = np.concatenate([torque / np.maximum(speed, 1e-3), torque]) * _FRICTION
-    predicted = [windows_of(log, k, HORIZON, _EVERY, 10**9) for k, log in enumerate(logs)]
     dealt = _Dealt([len(log.angle) for log in logs])
 
     def fit(
@@ -171,7 +175,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
     stages.keep(found, tuple(name for name, one in zip(_RIGID_NAMES, told, strict=True) if not one))
     if found.interrupted:
         raise KeyboardInterrupt
-    stages.motion = _rms([np.sqrt(np.mean((one.measured - one.measured[:1]) ** 2, axis=0)).T for one in predicted])
+    stages.motion = _rms([rms(one.measured - one.measured[:1]) for one in predicted])
     stages.start_error = _rms(rms_errors(RIGID, predicted, _without_static(start_of(start)), start))
     stages.errors["rigid"] = best = held_out(found, RIGID, windows)
     if stribeck:
@@ -182,11 +186,9 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         if _is_better(errors, best):
             best = errors
             stages.keep(found, stages.untold)
-    parts = [
-        windows_of(log, k, _ELASTIC_WINDOW, _ELASTIC_WINDOW, _ELASTIC_POINTS, _MOST_ELASTIC // len(logs))
-        for k, log in enumerate(logs)
-    ]
-    parts, sticking = [one for one in parts if len(one)], _stiffened(stages.arm)
+    parts, sticking = moving(_ELASTIC_WINDOW, _ELASTIC_WINDOW, _ELASTIC_POINTS, _MOST_ELASTIC), _stiffened(stages.arm)
+    if not parts:  # too slow a motion
+        return
     search = _rigid_search(sticking, friction, stribeck=False, ratio=static_ratio(stages.arm))
     search = search.without(np.array([name in stages.untold for name in search.names]))
     found = fit(search, ELASTIC, parts, search.start, _ELASTIC_STEPS, sticking)

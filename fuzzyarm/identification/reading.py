@@ -17,6 +17,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.checks import shown
@@ -32,7 +33,7 @@ _UNITS = {
     "q": _ANGLES,
     "dq": {f"{name}/s": size for name, size in _ANGLES.items()}
     | dict.fromkeys(("rpm", "1/min", "rev/min"), _TURN / 60.0),
-    "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3},
+    "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3, "lbfin": 0.1129848, "ozin": 7.061552e-3},
 }
 """SI units in each unit, as `_tables.unit_of` writes it."""
 # Endings of names that state no unit of an angle or a torque; a small a or v may be the name of a joint.
@@ -56,6 +57,13 @@ _EVEN = 0.01  # share of a period by which a step in time may differ from the me
 _FEWEST_ROWS = 0.5  # share of the rows that must have all numbers
 _FASTEST, _SLOWEST = 5e-5, 0.05  # s, median steps from which a unit of time is guessed
 _GAP, _LEAST_GAP = 5.0, 0.02  # steps; s
+_NEAR = 11  # rows over which medians run
+_USUAL = 0.8  # quantile of steps or torques that no stray lifts
+_AWAY, _FAST = 10.0, 5.0  # medians of the steps nearby, and usual steps, that a stray angle is off by
+_PEAK = 10.0  # times the largest torque that lasts
+_MOST_STRAY = 0.05  # share of the rows
+_COUNTERS = 2.0 ** np.arange(8, 33)  # counts at which encoders wrap
+_WRAPPED = 0.01  # share of a turn by which a jump may differ from it
 _REPEATED = 0.4  # share of steps without time from which a line is taken to be of one joint
 _MOVED = 0.02  # share of a joint's range, within which it counts as idle
 _KEPT, _LEAST_IDLE = 0.3, 0.5  # s of an idle end that stay, and that are worth a cut
@@ -231,7 +239,7 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
     if short not in known:
         raise ValueError(
             f"unknown unit {shown(text)} for {kind}; use --units {kind}=UNIT, with one of {', '.join(known)}, or "
-            "with the size of the unit in SI units"
+            "with the size of the unit in SI units" + ", for A the torque constant: tau=0.12" * (kind == "tau")
         )
     if kind not in given and known[short] != 1.0:
         table.remarks.append(f"{kind} is in {text} by the heading")
@@ -271,10 +279,12 @@ def _pieces(
     for key in units:
         if key not in _UNITS and (key.startswith("time") or not 1 <= int(key.lstrip("dqtau")) <= joints):
             raise ValueError(f"units has {shown(key)}; allowed: time, q, dq, tau, and q1, dq1, tau1 to joint {joints}")
-    kinds = [role.rstrip("0123456789") for role in roles]
-    part = {kind: values[whole][:, [one == kind for one in kinds]] for kind in _UNITS}
-    names = np.array([table.names[k] for k in roles.values()])
-    size = {kind: _unit(table, kind, names[[one == kind for one in kinds]].tolist(), units) for kind in _UNITS}
+    part, names, size = {}, {}, {}
+    for kind in _UNITS:
+        named = {role: table.names[k] for role, k in roles.items() if role.startswith(kind)}
+        part[kind] = values[whole][:, [role in named for role in roles]]
+        names[kind] = list(named.values())
+        size[kind] = _unit(table, kind, [name for role, name in named.items() if role not in units], units)
     for role, place in roles.items():
         name, kind = table.names[place], role.rstrip("123456789")
         own = re.split(r"[\W_]", name)[-1]
@@ -290,19 +300,75 @@ def _pieces(
         one = [{kind: units[f"{kind}{j}"]} if f"{kind}{j}" in units else None for j in range(1, joints + 1)]
         return np.array([common if own is None else _unit(table, kind, [], own) or common for own in one])
 
-    angle, torque = part["q"] * sizes("q") / ratio, part["tau"] * sizes("tau") * ratio
-    velocity = part["dq"] * sizes("dq", size["q"]) / ratio if part["dq"].size else part["dq"]
     stamps = part["time"][:, 0]
     if joints == 1 and np.mean(np.diff(stamps) == 0.0) > _REPEATED:
         raise ValueError("its stamps occur several times; write a line for each instant, with a column for each joint")
+    if (np.diff(stamps) < 0.0).all():
+        stamps, part = stamps[::-1], {kind: values[::-1] for kind, values in part.items()}
+        remarks.append("its time decreases throughout: read from the last row to the first")
     time = _seconds(stamps, size["time"], remarks)
+    for j, (name, own) in enumerate(zip(names["q"], sizes("q"), strict=True)):
+        part["q"][:, j] = _unwrapped(part["q"][:, j], _TURN / own, name, remarks)
+    kept = ~_stray(time, part["q"], part["tau"], [*names["q"], *names["tau"]], remarks)
+    angle, torque = part["q"] * sizes("q") / ratio, part["tau"] * sizes("tau") * ratio
+    velocity = part["dq"] * sizes("dq", size["q"]) / ratio if part["dq"].size else part["dq"]
     signals = np.concatenate([angle, velocity, torque], axis=1)
     logs = []
-    for stamps, piece in _cut(time, signals, remarks):
+    for stamps, piece in _cut(time[kept], signals[kept], remarks):
         period, angles, held = _even(stamps, piece[:, :-joints], piece[:, -joints:], delay, remarks)
         log = Log(period, angles[:, :joints], held, angles[:, joints:] if angles.shape[1] > joints else None)
         logs.append(_trimmed(log, remarks))
     return _with_true_velocities(logs, remarks)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
+def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
+    """Return an angle (N,) without jumps across its range by a turn, 360 or, if it counts, a power of two."""
+    steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
+    span = np.ptp(angle) / (1.0 + _WRAPPED)
+    for size in (turn, 360.0, *counters):
+        rest = np.abs(np.abs(steps) - size)
+        usual = median_filter(np.minimum(rest, np.abs(steps)), _NEAR)
+        wraps = (rest < _WRAPPED * size + 3.0 * usual) & (np.maximum(_AWAY * usual, span) < size)
+        if wraps.any():
+            what = "a turn, " if size == turn else ""
+            remarks.append(f"{name} jumps by {what}{size:.5g} in {np.count_nonzero(wraps)} place(s): unwrapped")
+            return np.asarray(angle - np.append(0.0, np.cumsum(size * np.sign(steps) * wraps)))
+    return angle
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[str], remarks: list[str]) -> np.ndarray:
+    """Return which rows (N,) have an angle or a torque, (N, n) in any unit, far from those before and after.
+
+    A stray torque differs from the running median by many times the largest running median, an angle by far more than
+    the steps nearby. ValueError: too many rows have one.
+    """
+    middle = median_filter(torque, (_NEAR, 1))
+    lasting = np.maximum(np.abs(middle).max(axis=0), np.quantile(np.abs(torque), _USUAL, axis=0))
+    limits = np.maximum(_PEAK * lasting, lasting.max())
+    stray = [*(_away(one) for one in angle.T), *((np.abs(torque - middle) > limits) & (limits > 0.0)).T]
+    for name, values, rows in zip(names, (*angle.T, *torque.T), stray, strict=True):
+        if rows.any():
+            k = int(np.argmax(rows))
+            text = f"{name} jumps away for {np.count_nonzero(rows)} row(s), first at t = {time[k]:.4g} s"
+            text += f" to {values[k]:.6g}"
+            if rows.mean() > _MOST_STRAY:
+                raise ValueError(f"{text}; allowed: {100.0 * _MOST_STRAY:g} % of the rows. Repair the column")
+            remarks.append(f"{text}: left out")
+    return np.asarray(np.any(stray, axis=0))
+
+
+def _away(angle: np.ndarray) -> np.ndarray:
+    """Return which angles (N,) are stray; equal ones in a row count as one, since a sentinel may last."""
+    changes = np.append(True, np.diff(angle) != 0.0)
+    kept = first = np.flatnonzero(changes)
+    for _ in range(3):  # strays may hide others nearby
+        values = angle[kept]
+        steps = np.abs(np.diff(values, prepend=values[0]))
+        most = np.maximum(_AWAY * median_filter(steps, _NEAR), _FAST * np.quantile(steps, _USUAL))
+        kept = kept[np.abs(values - median_filter(values, _NEAR)) <= most]
+    return np.asarray(~np.isin(first, kept)[np.cumsum(changes) - 1])
 
 
 def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.ndarray:

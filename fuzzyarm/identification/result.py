@@ -23,7 +23,7 @@ from fuzzyarm.envs.physics.ranges import Ranges
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.identification._links import RobotFit, estimated_robot
 from fuzzyarm.identification._rigid import UNKNOWNS, start_of
-from fuzzyarm.identification._simulation import ELASTIC, RIGID, simulated, windows_of
+from fuzzyarm.identification._simulation import EDGE, ELASTIC, RIGID, simulated, windows_of
 from fuzzyarm.identification._two_joints import _ROTOR, HORIZON, Stages, estimated, units_of
 from fuzzyarm.identification.log import Log
 
@@ -32,6 +32,7 @@ __all__ = ["Identified", "identify"]
 _SPRING = 4.0  # factor by which a stiffness that is not told is taken to be off
 _DOUBTFUL = 0.7  # error as a share of the motion or the torque
 _MOST_DRAWN = 4  # logs in a figure
+_SHORTEST = HORIZON + 2.0 * EDGE  # s, of a log
 _NAMES = [one.name for one in UNKNOWNS]
 
 
@@ -153,9 +154,26 @@ def identify(
                 f"{log.name} has {log.angle.shape[1]} joints, but the start has {joints}; give logs of one arm"
             )
     step = advance or (lambda: None)
-    if isinstance(start, Robot):
-        return _of_robot(given, start, estimated_robot(given, start, step))
-    return _of_stages(given, start, estimated(given, start, stribeck, step))
+    try:
+        if isinstance(start, Robot):
+            return _of_robot(given, start, estimated_robot(given, start, step))
+        return _of_stages(given, start, estimated(_long(given), start, stribeck, step))
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            "the logs lead to equations without a solution; check their units, and look for numbers of another size"
+        ) from None
+
+
+def _long(logs: Sequence[Log]) -> list[Log]:
+    """Return the logs that are long enough for a prediction; ValueError if none is."""
+    found = [log for log in logs if log.duration > _SHORTEST]
+    if not found:
+        longest = max(log.duration for log in logs)
+        raise ValueError(
+            f"no log has a part without a gap of more than {_SHORTEST:g} s, which a prediction for {HORIZON:g} s needs "
+            f"(longest: {longest:.3g} s); record without gaps, or name another time with --columns time=NAME"
+        )
+    return found
 
 
 def _of_robot(logs: list[Log], start: Robot, fit: RobotFit) -> Identified:
@@ -173,7 +191,12 @@ def _samples(logs: list[Log]) -> int:
 
 def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identified:
     """Return the result for a two-joint arm."""
-    rows = _rows(stages)
+    rows, long = _rows(stages), _long(logs)
+    short = [log for log in logs if log not in long]
+    said = [
+        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out, first {log.name} of {log.duration:.3g} s."
+        for log in short[:1]
+    ]
     held = {"start": stages.start_error} | stages.errors if stages.start_error is not None else {}
     return Identified(
         arm=stages.arm,
@@ -184,9 +207,9 @@ def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identif
         held_out_unit="mrad, rms",
         interrupted=stages.interrupted,
         doubtful=_is_doubtful(stages),
-        samples=_samples(logs),
-        _remarks=tuple(_remarks(stages, len(logs))),
-        _curves=lambda: [_drawn(log, stages) for log in logs[:_MOST_DRAWN]],
+        samples=_samples(long),
+        _remarks=(*said, *_remarks(stages, len(long))),
+        _curves=lambda: [_drawn(log, stages) for log in long[:_MOST_DRAWN]],
     )
 
 

@@ -159,6 +159,33 @@ def test_an_arm_that_explains_nothing_is_named(logs):
     assert found.doubtful and any("Check units" in remark for remark in found.remarks())
 
 
+def test_short_parts_are_left_out_and_said(logs, found):
+    short = dataclasses.replace(logs[0], angle=logs[0].angle[:150], torque=logs[0].torque[:150], name="short")
+    with_short = identify([short, *logs], wrong(1.2, STIFF))
+    assert with_short.arm == found.arm and with_short.samples == found.samples
+    assert with_short.remarks() == [
+        "1 part(s) shorter than 0.8 s are left out, first short of 0.596 s.",
+        *found.remarks(),
+    ]
+    with pytest.raises(
+        ValueError, match=r"no log has a part without a gap .* \(longest: 0.596 s\); record without gaps"
+    ):
+        identify(short, wrong(1.2, STIFF))
+
+
+def test_an_error_as_large_as_the_motion_is_doubtful_and_equations_without_a_solution_are_said(logs, monkeypatch):
+    angle = logs[0].angle.copy()
+    angle[400] = -9999.0
+    assert identify(dataclasses.replace(logs[0], angle=angle), wrong(1.2, STIFF)).doubtful
+
+    def estimated(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("fuzzyarm.identification.result.estimated", estimated)
+    with pytest.raises(ValueError, match="equations without a solution; check their units"):
+        identify(logs, STIFF)
+
+
 def test_without_friction_the_arm_is_found_and_not_refused():
     free = dataclasses.replace(STIFF, coulomb_friction=(0.0, 0.0), static_friction=(0.0, 0.0))
     log = recorded(free, 3, duration=3.0, period=4e-3, noise=0.01)

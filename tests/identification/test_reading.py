@@ -273,6 +273,31 @@ REFUSED = [
         b"\x89HDF\r\n\x1a\n" + bytes(200),
         "a MATLAB file of version 7.3; save it with: save('log.mat', '-v7',",
     ),
+    ("log.json", '{"time":{"0":0.0,"1":0.001}}', "it is JSON; write CSV with one line for each instant"),
+    ("log.json", '[\n {"time": 0.0, "q1": 0.1}]', "it is JSON; write CSV"),
+    ("log.xml", '<Rob Type="KUKA"><AIPos A1="5.2"/></Rob>\n' * 9, "it is XML; write CSV"),
+    ("log.yaml", "header:\n  stamp:\n    sec: 1\n" * 9, "it is YAML; write CSV"),
+    (
+        "log.csv",
+        "\n".join([*ROWS[:300], "time,tau1,tau2,q1,q2", *ROWS[300:]]),
+        "line 301 has the columns in another order: split the file there",
+    ),
+    (
+        "log.csv",
+        "\n".join(["rst:0x1 (POWERON_RESET)", *ROWS[500:504], "Brownout detector", "", *ROWS]),
+        "its heading rst:0x1 (POWERON_RESET) has 1; delete the lines before line 8, which seems to be the heading",
+    ),
+    (
+        "log.arff",
+        "\n".join(["@RELATION arm", "", "@ATTRIBUTE q1 NUMERIC", "@DATA", *ROWS[1:]]),
+        "its heading @DATA has 1; write 5 names in the line above the numbers",
+    ),
+    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "for A the torque constant: tau=0.12"),
+    (
+        "log.csv",
+        table(columns=[TIME, ANGLE, np.where(np.arange(COUNT)[:, np.newaxis] % 15 == 7, -9999.0, TORQUE)]),
+        "tau1 jumps away for 40 row(s), first at t = 0.014 s to -9999; allowed: 5 % of the rows. Repair the column",
+    ),
     ("log.mcap", bytes(range(256)), "it is not a ROS 2 bag, or it is damaged"),
     ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is not a ROS 2 bag, or it is damaged"),
 ]
@@ -361,3 +386,93 @@ def test_recorded_logs_lead_to_a_proven_and_stable_controller_and_its_c(tmp_path
     assert (
         "WARNING" not in (text := capsys.readouterr().out) and "PROVEN" in text and Path("board/pendulum.c").is_file()
     )
+
+
+ROW = np.arange(COUNT)[:, np.newaxis]
+
+
+def spoiled(part, rows, column, value):
+    """The angles or torques with a value in the place of some rows of a column."""
+    found = part.copy()
+    found[rows, column] = value
+    return found
+
+
+RATE = 3000 / (2.0 * np.pi)  # counts for a radian
+DEFECTS = {
+    "sentinels": (FIVE, [spoiled(ANGLE, [100, 104, 300], 0, -9999.0), TORQUE], {},
+                  "q1 jumps away for 3 row(s), first at t = 0.2 s to -9999: left out"),
+    "a sentinel that lasts": (FIVE, [spoiled(ANGLE, slice(200, 208), 1, 65535.0), TORQUE], {},
+                              "q2 jumps away for 8 row(s), first at t = 0.4 s to 65535: left out"),
+    "a sentinel at the end": (FIVE, [spoiled(ANGLE, -1, 1, -(2.0**31)), TORQUE], {},
+                              "q2 jumps away for 1 row(s), first at t = 1.198 s to -2.14748e+09: left out"),
+    "angles that drop to 0": (FIVE, [spoiled(ANGLE, [250, 400], slice(None), 0.0), TORQUE], {},
+                              "q2 jumps away for 2 row(s), first at t = 0.5 s to 0: left out"),
+    "a spike of a torque": (FIVE, [ANGLE, spoiled(TORQUE, 300, 0, 1e9)], {},
+                            "tau1 jumps away for 1 row(s), first at t = 0.6 s to 1e+09: left out"),
+    "a turn": (FIVE, [np.arctan2(np.sin(ANGLE + 2.6), np.cos(ANGLE + 2.6)), TORQUE], {},
+               "q2 jumps by a turn, 6.2832 in 2 place(s): unwrapped"),
+    "degrees": ("time,q1 [deg],q2 [deg],tau1,tau2", [np.degrees(ANGLE) % 360.0, TORQUE], {},
+                "q2 jumps by a turn, 360 in 2 place(s): unwrapped"),
+    "noise that wraps to and fro": (FIVE, [(ANGLE * [1.0, 0.0] + 1e-4 * (-1.0) ** (ROW // 2)) % (2.0 * np.pi), TORQUE],
+                                    {}, "q2 jumps by a turn, 6.2832 in 299 place(s): unwrapped"),
+    "counts": (FIVE, [np.round(ANGLE * RATE) % 1024, TORQUE], {"q": 1.0 / RATE},
+               "q2 jumps by 1024 in 2 place(s): unwrapped"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_rows_that_jump_away_are_left_out_and_wrapped_angles_unwrapped(name, tmp_path):
+    heading, columns, units, remark = DEFECTS[name]
+    (log,) = read_log(written(tmp_path, table(heading, columns=[TIME, *columns])), units=units)
+    assert remark in log.remarks
+    truth = ANGLE * [1.0, 0.0] if "noise" in name else ANGLE
+    count = len(log.angle)
+    np.testing.assert_allclose(log.angle - log.angle[0], (truth - truth[0])[:count], atol=3e-3)
+    np.testing.assert_allclose(log.torque[:, 0], TORQUE[:count, 0], atol=0.15)
+
+
+def flick(time):
+    """A fast motion to and fro in the middle of a long rest, at 50 samples a second."""
+    return np.stack([np.exp(-(((time - 6.0) / 0.1) ** 2)), 0.0 * time + 0.3], axis=1)
+
+
+SLOW = 0.02 * np.arange(COUNT)
+NOISE = np.random.default_rng(2).normal(size=(COUNT, 2))
+RIGHT = {
+    "a coarse encoder, a joint that rests": (TIME, np.round((ANGLE * [1.0, 0.0] + 1e-3 * NOISE) / 2e-3) * 2e-3, TORQUE),
+    "noise": (TIME, ANGLE + 0.05 * NOISE, TORQUE + NOISE),
+    "an impact": (TIME, np.abs(ANGLE - 0.5), TORQUE),
+    "angles held for some rows": (TIME, np.repeat(ANGLE[::6], 6, axis=0), TORQUE),
+    "fast motion after rest": (SLOW, flick(SLOW), TORQUE),
+    "fine counts": (TIME, np.round(ANGLE * 2.0**19), TORQUE),
+    "torques that switch": (TIME, ANGLE, 20.0 * np.sign(np.sin(90.0 * TIME))[:, np.newaxis] * [1.0, 0.0] + 0.1 * NOISE),
+}
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_a_right_log_stays_untouched(name, tmp_path):
+    time, angle, torque = RIGHT[name]
+    (log,) = read_log(written(tmp_path, table(columns=[time, angle, torque])))
+    assert not [remark for remark in log.remarks if "jumps" in remark]
+
+
+def test_the_newest_row_may_come_first(tmp_path):
+    (log,) = read_log(written(tmp_path, "\n".join([FIVE, *ROWS[:0:-1]])))
+    assert log.remarks == ("its time decreases throughout: read from the last row to the first",)
+    np.testing.assert_allclose(log.torque, TORQUE, atol=1e-8)
+
+
+def test_rows_may_have_numbers_without_a_name_as_in_r(tmp_path):
+    rows = [f'"{k}" ' + row.replace(",", " ") for k, row in enumerate(ROWS)]
+    (log,) = read_log(written(tmp_path, "\n".join(['"time" "q1" "q2" "tau1" "tau2"', *rows[1:]])))
+    np.testing.assert_allclose(log.angle, ANGLE, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("unit", "units", "sizes"),
+    [("%", {"tau1": 1.5, "tau2": 0.6}, [1.5, 0.6]), ("N-m", {}, [1.0, 1.0]), ("lbf-in", {}, [0.1129848] * 2)],
+)
+def test_a_unit_of_torques_may_be_unknown_if_each_joint_has_its_own(unit, units, sizes, tmp_path):
+    path = written(tmp_path, table(f"time,q1,q2,tau1 [{unit}],tau2 [{unit}]"))
+    np.testing.assert_allclose(read_log(path, units=units)[0].torque, TORQUE * sizes, atol=1e-8)
