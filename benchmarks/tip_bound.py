@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
 from matplotlib.figure import Figure
 from measuring import made_now, options_of, printed, stored, write_rows
 from tip_plants import Plants, random_genes
@@ -293,8 +294,10 @@ def main() -> None:
     if options.files:
         options.files.mkdir(parents=True, exist_ok=True)
         known, moved = {_key(row): row["bound_mm"] for row in stored("tip_bound")["rows"]}, 0
-        for name, claim in chosen.items():
-            bound, before = write_files(claim, options.files / name), known[_key_of(claim)]
+        again = (delayed(write_files)(claim, options.files / name) for name, claim in chosen.items())
+        made = Parallel(n_jobs=-1, return_as="generator")(again)  # a process for each core
+        for (name, claim), bound in zip(chosen.items(), made, strict=True):
+            before = known[_key_of(claim)]
             moved += not math.isclose(bound, before, rel_tol=AGREES)
             print(f"{name}  {text_of(claim)}: {bound:.9g} mm, stored {before:.9g} mm", flush=True)
         raise SystemExit(bool(moved))
