@@ -232,7 +232,10 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
         (["--suggest", "motion.csv", "--duration", "1"], "duration = 1.0 s is out of range; allowed: [4, 120] s"),
         (["--suggest", "motion.csv", "--robot", "ur5"], "a robot of 6 joints"),
         (["no.csv"], "no.csv: No such file or directory"),
-        (["no.csv", "--columns", "q1"], "--columns q1 must be pairs such as q1=NAME,q2=NAME, each key once"),
+        (
+            ["no.csv", "--columns", "q1"],
+            "--columns q1 must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with no key twice",
+        ),
     ],
 )
 def test_bad_usage_is_one_line(words, message, tmp_path, capsys, monkeypatch):

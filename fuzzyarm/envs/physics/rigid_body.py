@@ -97,7 +97,7 @@ def _motion(robot: Robot, values: Any) -> np.ndarray:
     if array.ndim == 0 or array.shape[-1] != len(robot):
         raise ValueError(
             f"angles, velocities and accelerations of {checks.shown(robot.name)} need shape (..., {len(robot)}); "
-            f"this one has {array.shape}"
+            f"one of them has shape {array.shape}"
         )
     return array
 

@@ -206,7 +206,10 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
 @pytest.mark.parametrize(
     ("forge", "message"),
     [
-        (edited(schema="fuzzyarm-learned-observer/3"), "this version reads 'fuzzyarm-learned-observer/4'; train it ag"),
+        (
+            edited(schema="fuzzyarm-learned-observer/3"),
+            "this version of fuzzyarm reads 'fuzzyarm-learned-observer/4'; train",
+        ),
         (resealed(X=np.zeros(3, np.float32)), "needed: A, B, C"),
         (resealed(A=np.zeros((HIDDEN, 3), np.float32)), "A has shape"),
         (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
