@@ -151,8 +151,8 @@ def _identify(options: Options, start: AnyArm) -> int:
     joints, needed = logs[0].angle.shape[1], len(robot_of(start))
     if joints != needed:
         raise ValueError(
-            f"{options.log[0]} has {joints} joints, but the arm of --robot has {needed}. Choose joints with "
-            "--columns q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or give another arm"
+            f"{options.log[0]} has {joints} joints, but the arm of --robot has {needed}. Choose joints with --columns "
+            "q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or give another arm"
         )
     if isinstance(start, ArmParameters):
         from fuzzyarm.identification.conventions import diagnosed

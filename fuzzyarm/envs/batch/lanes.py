@@ -308,8 +308,8 @@ class Lanes:
         changing = size(self.physics.State)
         if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
             raise ValueError(
-                "state['values'] differs from the arms that the random keys in this state draw; give an "
-                "unchanged state of get_state"
+                "state['values'] differs from the arms that the random keys in this state draw; give an unchanged "
+                "state of get_state"
             )
 
     def _digest(self) -> np.ndarray:

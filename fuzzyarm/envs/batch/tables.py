@@ -206,14 +206,15 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
     bounds = bounds_of(arm)
     if reference.joints != len(bounds.low):
         raise ValueError(
-            f"reference moves {reference.joints} joints, but the plant has {len(bounds.low)}: build a reference for this plant"
+            f"reference moves {reference.joints} joints, but the plant has {len(bounds.low)}: build a reference for "
+            "this plant"
         )
     made_for = getattr(reference, "parameters", getattr(reference, "robot", arm))
     if isinstance(made_for, ArmParameters) and isinstance(arm, ArmParameters):
         if made_for.length != arm.length:
             raise ValueError(
-                f"reference was made for links of {made_for.length} m, but the plant has links of "
-                f"{arm.length} m: build the reference with the plant's `parameters`"
+                f"reference was made for links of {made_for.length} m, but the plant has links of {arm.length} m: "
+                "build the reference with the plant's `parameters`"
             )
     elif made_for != arm and not _same_frames(robot_of(made_for), robot_of(arm)):
         raise ValueError(
@@ -233,8 +234,8 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
             found = peak if symmetric else f"{lowest} to {values.max(axis=0).tolist()}"
             allowed = tuple(high.tolist()) if symmetric else f"{low.tolist()} to {high.tolist()}"
             raise ValueError(
-                f"the {name} of the reference reaches {found} {unit}; this plant allows {allowed} {unit}: "
-                "raise the duration of the reference or move its path"
+                f"the {name} of the reference reaches {found} {unit}; this plant allows {allowed} {unit}: raise the "
+                "duration of the reference or move its path"
             )
 
 

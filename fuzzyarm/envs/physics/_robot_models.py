@@ -224,8 +224,8 @@ class _Model:
             raise ValueError(f"tip = {shown(name)} is not a link or site of the model; give one, or a point [x, y, z]")
         if self._carrier(body) != self.links[-1]:
             raise ValueError(
-                f"tip = {shown(name)} does not move with the last joint, {self.joints[-1]}; give a link or "
-                "site that does, or a point [x, y, z]"
+                f"tip = {shown(name)} does not move with the last joint, {self.joints[-1]}; give a link or site that "
+                "does, or a point [x, y, z]"
             )
         point: np.ndarray = self.data.site_xpos[site] if site >= 0 else self.data.xpos[body]
         return point

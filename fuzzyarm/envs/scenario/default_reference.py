@@ -151,8 +151,8 @@ def _shortest(slow: Reference, robot: Robot) -> float:
     if held.max() > _SHARE:
         joint = robot.joints[int(np.argmax(held))].name
         raise ValueError(
-            f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} "
-            f"to hold its weight; allowed: {100.0 * _SHARE:g} %. Raise torque_limit, or give a `reference`"
+            f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} to hold its weight; "
+            f"allowed: {100.0 * _SHARE:g} %. Raise torque_limit, or give a `reference`"
         )
     for number in range(round(_SHORTEST / _STEP), round(LONGEST / _STEP) + 1):
         duration = number * _STEP

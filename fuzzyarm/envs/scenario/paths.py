@@ -326,8 +326,8 @@ class Placed:
     def __post_init__(self) -> None:
         if not isinstance(self.path, TipPath):
             raise TypeError(
-                f"path = {checks.shown(self.path)} must have a method points(s) that returns points "
-                "of shape (..., 2), like fuzzyarm.envs.scenario.paths.TipPath"
+                f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., 2), "
+                "like fuzzyarm.envs.scenario.paths.TipPath"
             )
         size = 2 if checks.is_sequence(self.origin, 2) else 3
         checks.keep(self, "origin", any_point("origin", self.origin, size))
@@ -335,8 +335,8 @@ class Placed:
         if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
             raise ValueError(
                 f"first = {self.first} and second = {self.second} must be unit vectors at right angles; their lengths "
-                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their scalar "
-                f"product is {axes[0] @ axes[1]:.3g}"
+                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their scalar product is "
+                f"{axes[0] @ axes[1]:.3g}"
             )
 
     @property

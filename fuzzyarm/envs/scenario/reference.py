@@ -147,8 +147,8 @@ class PathReference(Reference):
         """Check a path of `size` coordinates and the duration; return instants (k,) [s] at which to check it."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
-                f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape "
-                f"(..., {size}), see fuzzyarm.envs.scenario.paths.TipPath"
+                f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., "
+                f"{size}), see fuzzyarm.envs.scenario.paths.TipPath"
             )
         checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
@@ -298,9 +298,9 @@ def check_limits(
     if beyond[k, joint] > 0.0:
         first = int(np.argmax(beyond[:, joint] > 0.0))
         raise ValueError(
-            f"{names[joint]} leaves its range at t = {t[first]:.4g} s and is farthest outside at t = "
-            f"{t[k]:.4g} s: {motion.q[k, joint]:.6g} rad, by {beyond[k, joint]:.3g} rad; allowed: [{low[joint]:.6g}, {high[joint]:.6g}] "
-            f"rad. {advice}"
+            f"{names[joint]} leaves its range at t = {t[first]:.4g} s and is farthest outside at t = {t[k]:.4g} s: "
+            f"{motion.q[k, joint]:.6g} rad, by {beyond[k, joint]:.3g} rad; allowed: [{low[joint]:.6g}, "
+            f"{high[joint]:.6g}] rad. {advice}"
         )
     share = np.abs(motion.dq) / speed
     k, joint = map(int, np.unravel_index(np.argmax(share), share.shape))

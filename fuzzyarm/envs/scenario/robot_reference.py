@@ -160,9 +160,9 @@ class TipReference(PathReference):
             raise ValueError(
                 f"the path starts out of reach: point {_shown(point)} m is {shortest:.6g} m from the first joint of "
                 f"{self.robot.name}, whose links are {reach(self.robot):.6g} m long in total; from posture = "
-                f"{_shown(near)} rad the tip comes within {np.linalg.norm(frames(self.robot, q).tip - point):.3g} m of it"
-                f"{' with the orientation kept' if self.keeps_orientation else ''}. Move the path, or start from another "
-                f"`posture`{self._or_free}"
+                f"{_shown(near)} rad the tip comes within {np.linalg.norm(frames(self.robot, q).tip - point):.3g} m of "
+                f"it{' with the orientation kept' if self.keeps_orientation else ''}. Move the path, or start from "
+                f"another `posture`{self._or_free}"
             )
         return TipTask(self.robot, q, self.keeps_orientation)
 
