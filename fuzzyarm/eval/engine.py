@@ -130,7 +130,7 @@ class Engine:
             from ray.util.joblib.ray_backend import RayBackend
         except ModuleNotFoundError as error:
             raise ValueError(
-                f'{error.name} is not installed; in the repository: pip install -c constraints.txt -e ".[cluster]"'
+                f'{error.name} is not installed; run in the repository: pip install -c constraints.txt -e ".[cluster]"'
             ) from None
         backend = RayBackend()
         backend.supports_return_generator = True  # joblib's own pool does not; Ray's hands results over one by one
@@ -141,7 +141,9 @@ class Engine:
             try:
                 yield min(self.jobs or cpus, cpus), lost
             except ray.exceptions.RuntimeEnvSetupError as error:
-                raise ValueError(f"Ray cannot send the policies' modules: {str(error).splitlines()[0]}") from None
+                raise ValueError(
+                    f"Ray cannot send the modules of the policies to its workers: {str(error).splitlines()[0]}"
+                ) from None
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:

@@ -150,7 +150,8 @@ def identify(
     for log in given:
         if log.angle.shape[1] != joints:
             raise ValueError(
-                f"{log.name} has {log.angle.shape[1]} joints, but the start has {joints}; give logs of one arm"
+                f"{log.name} has {log.angle.shape[1]} joints, but the arm `start` has {joints}; give logs of that arm, "
+                "or another start"
             )
     step = advance or (lambda: None)
     if isinstance(start, Robot):

@@ -108,7 +108,9 @@ class Training:
             begun = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start again") from None
+            raise CheckpointError(
+                f"{folder / CHECKPOINT} is of another version: {error}; start the training again"
+            ) from None
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} holds a training with {found['algorithm']}; choose another folder")
         was, now = begun.to_dict(), config.to_dict()
@@ -128,8 +130,8 @@ class Training:
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
             raise CheckpointError(
-                f"{folder} holds a training of a different arm from {config.robot} as it is now: restore its file, or "
-                "start again in another folder"
+                f"{folder} holds a training of a different arm from {config.robot} as it is now: restore the file of "
+                "the arm, or start again in another folder"
             )
         try:
             training.rows, training.best, training._earlier = progress_in(found)
