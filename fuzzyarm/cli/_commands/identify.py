@@ -162,7 +162,8 @@ def _identify(options: Options, start: AnyArm) -> int:
         conventions = {"conventions": _document(doubt, options.apply)}
         if doubt.doubtful:
             said.append(
-                f"conventions: {doubt.sentence()}. " + ("Read so" if options.apply else "--apply reads them so")
+                f"conventions: {doubt.sentence()}. "
+                + ("The logs are read so" if options.apply else "--apply reads the logs so")
             )
         elif options.apply:
             said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
@@ -201,7 +202,7 @@ def _print(found: Identified) -> None:
     cells, console = [], output()
     for row in found.rows():
         known = row["low"] is not None
-        width = f"{row['low']:.4g} to {row['high']:.4g}" if known else "unknown" if row["told"] else "not told"
+        width = f"{row['low']:.4g} to {row['high']:.4g}" if known else "unknown" if row["told"] else "not determined"
         cells.append((row["name"], row["unit"], f"{row['start']:.6g}", f"{row['value']:.6g}", width))
     Sheet(["parameter", "unit", "start", "found", "95 % interval"], cells, left=(0, 1)).print(console)
     errors = [(name, *(f"{error:.3g}" for error in held)) for name, held in found.held_out.items()]
