@@ -173,7 +173,7 @@ def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
         return None
     if isinstance(given, Sequence | np.ndarray):
         if len(given) != lanes:
-            raise ValueError(f"{len(given)} seeds for {lanes} lanes; give one, or one per lane")
+            raise ValueError(f"{len(given)} seeds were given for {lanes} lanes; give one, or one per lane")
         return each_lane(_seed, list(given))
     first = _seed(given)
     return [first + lane for lane in range(lanes)]

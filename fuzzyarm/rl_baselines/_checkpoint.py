@@ -138,7 +138,7 @@ def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tup
         if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
             raise ValueError(f"rows holds {shown(row)}; needed: numbers by name")
     if not is_real(best) or math.isnan(best):
-        raise ValueError(f"best = {shown(best)} is not a number")
+        raise ValueError(f"best = {shown(best)} must be a real number")
     wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
     return rows, float(best), (wall, cpu)
 

@@ -265,7 +265,7 @@ BAD_OPTIONS = [
 BAD_RESETS = [
     *(({"options": options}, message) for options, message in BAD_OPTIONS),
     ({"seed": True}, "seed = True must be a whole number"),
-    ({"seed": range(4)}, "4 seeds for 3 lanes; give one, or one per lane"),
+    ({"seed": range(4)}, "4 seeds were given for 3 lanes; give one, or one per lane"),
     ({"seed": [1, 2, -3]}, r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
 ]
 

@@ -80,7 +80,9 @@ class Options:
         arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
-            raise UsageError(f"--theorem {self.theorem} is for the two-joint arm; for {arm.name}, use semidefinite")
+            raise UsageError(
+                f"--theorem {self.theorem} is for the two-joint arm; for {arm.name}, use --theorem semidefinite"
+            )
         output_file(self.out, ".json")
         if self.rules is not None and self.keep is not None:
             raise UsageError(f"--rules {self.rules} and --keep {self.keep} both choose the premises; leave out one")

@@ -180,7 +180,7 @@ def _identify(options: Options, start: AnyArm) -> int:
     except ValueError as error:
         if doubt is None or not doubt.doubtful or options.apply:
             raise
-        raise ValueError(f"{error}. But the likely reading is {doubt.sentence()}; --apply uses this reading") from None
+        raise ValueError(f"{error}. But {doubt.sentence()}; --apply uses this reading") from None
     if options.out is not None:
         write_atomically(options.out, found.to_toml())
     if options.figure is not None:

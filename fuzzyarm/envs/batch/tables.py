@@ -192,7 +192,7 @@ def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: f
 def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:
     """Return the distinct items, by identity, and each lane's item number (count,); a single item serves all lanes."""
     if len(items) not in (1, count):
-        raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
+        raise ValueError(f"{len(items)} entries were given for {count} lanes; give one, or one per lane")
     if len(items) == 1:
         return list(items), np.broadcast_to(np.int32(0), count)
     keys = [tuple(map(id, item)) if isinstance(item, tuple) else id(item) for item in items]

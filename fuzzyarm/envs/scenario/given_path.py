@@ -85,7 +85,7 @@ class GivenPath:
                 )
             points.append(tuple(map(float, cells)))
         if len(points) > MOST_WAYPOINTS:
-            raise ValueError(f"{len(points)} points; allowed: at most {MOST_WAYPOINTS}")
+            raise ValueError(f"the file has {len(points)} points; allowed: at most {MOST_WAYPOINTS}")
         checked = [any_point(f"point {number}", point) for number, point in enumerate(points, start=1)]
         closed = len(checked) > 2 and checked[0] == checked[-1]
         return cls(tuple(checked[:-1] if closed else checked), closed)

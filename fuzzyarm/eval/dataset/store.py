@@ -192,7 +192,9 @@ def open_dataset(folder: str | Path) -> Any:
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DocumentError(f"{path} is not a data set that Minari can read ({reason}); write it again") from None
+        raise DocumentError(
+            f"{path} is not a data set that Minari can read ({reason}); write the data set again"
+        ) from None
     if found is None:
         raise DocumentError(f"{path} was not written by fuzzyarm dataset; write one with fuzzyarm dataset --out DIR")
     try:

@@ -119,7 +119,7 @@ def real_array(name: str, array: Any, axes: int) -> None:
     if instance(name, array, np.ndarray).dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")
     if array.ndim != axes:
-        raise ValueError(f"{name} has {array.ndim} axes; needed: {axes}")
+        raise ValueError(f"{name} has {array.ndim} dimension(s); needed: {axes}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

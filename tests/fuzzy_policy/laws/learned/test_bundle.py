@@ -167,7 +167,7 @@ def test_every_lane_has_a_memory_of_its_own_which_begins_with_its_episode():
     ("shapes", "message"),
     [
         (((12, 4), (12, 4), (12,)), "weight_x has shape"),
-        (((12, 4), (12,), (12,)), "weight_h has 1 axes; needed: 2"),
+        (((12, 4), (12,), (12,)), "weight_h has 1 dimension"),
         (((0, 4), (0, 0), (0,)), "0 columns; allowed: 1 to 1024"),
     ],
 )
