@@ -164,9 +164,7 @@ def finite_array(
         raise ValueError(f"{name} holds numbers that are not finite")
     if (np.abs(result) > largest).any():
         allowed = _allowed(unit, low=-largest, high=largest)
-        raise ValueError(
-            f"{name} holds a number of magnitude {np.abs(result).max():g}, which is out of range; {allowed}"
-        )
+        raise ValueError(f"{name} holds a number of magnitude {np.abs(result).max():g}: out of range; {allowed}")
     return result
 
 

@@ -141,9 +141,7 @@ class Engine:
             try:
                 yield min(self.jobs or cpus, cpus), lost
             except ray.exceptions.RuntimeEnvSetupError as error:
-                raise ValueError(
-                    f"Ray cannot send the modules of the policies to its workers: {str(error).splitlines()[0]}"
-                ) from None
+                raise ValueError(f"Ray cannot send the policies' modules: {str(error).splitlines()[0]}") from None
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:

@@ -224,9 +224,7 @@ def _heading(lines: list[str], style: _Style) -> tuple[list[str], dict[str, str]
         if worded:
             width = len(style.cells(worded[-1]))
             comma = "; numbers with a decimal comma need a delimiter other than the comma"
-            text = (
-                f"its lines have {style.width} cells, but its heading {shown(worded[-1])} has {width}; name each column"
-            )
+            text = f"its lines have {style.width} cells, but its heading {shown(worded[-1])} has {width}"
             raise ValueError(text + comma * (style.delimiter == "," and style.width >= 2 * width - 1))
         return [], {}
     names, below = found[-1], [""] * style.width

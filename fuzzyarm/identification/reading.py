@@ -270,10 +270,7 @@ def _pieces(
     ratio = np.array([checks.real("gear", one, low=1.0 / _LARGEST_GEAR, high=_LARGEST_GEAR) for one in gear] or [1.0])
     for key in units:
         if key not in _UNITS and (key.startswith("time") or not 1 <= int(key.lstrip("dqtau")) <= joints):
-            raise ValueError(
-                f"units has the unknown key {shown(key)}; allowed: time, q, dq, tau, and q1, dq1, tau1 up to joint "
-                f"{joints}"
-            )
+            raise ValueError(f"units has {shown(key)}; allowed: time, q, dq, tau, and q1, dq1, tau1 to joint {joints}")
     kinds = [role.rstrip("0123456789") for role in roles]
     part = {kind: values[whole][:, [one == kind for one in kinds]] for kind in _UNITS}
     names = np.array([table.names[k] for k in roles.values()])
@@ -297,9 +294,7 @@ def _pieces(
     velocity = part["dq"] * sizes("dq", size["q"]) / ratio if part["dq"].size else part["dq"]
     stamps = part["time"][:, 0]
     if joints == 1 and np.mean(np.diff(stamps) == 0.0) > _REPEATED:
-        raise ValueError(
-            "several of its lines have the same time; write one line for each instant, with a column for each joint"
-        )
+        raise ValueError("several lines have the same time; write one line per instant, with a column for each joint")
     time = _seconds(stamps, size["time"], remarks)
     signals = np.concatenate([angle, velocity, torque], axis=1)
     logs = []

@@ -280,10 +280,7 @@ def _is_doubtful(stages: Stages) -> bool:
 
 
 def _remarks(stages: Stages, logs: int) -> list[str]:
-    found = [
-        "The motors' logs cannot determine lengths, masses and gravity: they are those of the starting arm, as are the "
-        "limits."
-    ]
+    found = ["Lengths, masses, gravity and limits are those of the starting arm: motors alone do not determine them."]
     if _is_doubtful(stages):
         found.append(
             f"The arm explains little of the logs: held-out errors are above {_DOUBTFUL:g} of the motion. Check units, "

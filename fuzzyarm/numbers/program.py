@@ -69,9 +69,7 @@ class Program:
         outputs = [self._outputs(port) for port in results]
         counts = tuple(map(len, outputs))
         if counts != self.ports:
-            raise ValueError(
-                f"the function returns {counts} numbers for its ports; needed: {self.ports}, as many as it takes"
-            )
+            raise ValueError(f"the function returns {counts} numbers for its ports; it must return {self.ports}")
         self.outputs = list(itertools.chain(*outputs))
         self._reachable(self.outputs)
 

@@ -89,9 +89,7 @@ class TipClaim:
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=self.samples)
         if choice("laps", self.laps, ("one", "ever")) == "ever" and self.steps is not None:
-            raise ValueError(
-                f"steps = {self.steps}: laps = ever needs whole laps; leave out steps, or choose laps = one"
-            )
+            raise ValueError(f"steps = {self.steps}: laps = ever needs whole laps; leave out steps or laps")
 
     @property
     def samples(self) -> int:
@@ -250,8 +248,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
         apart = float(np.abs(references[-1] - references[0]).max())
         if apart > _CLOSED:
             raise ValueError(
-                f"laps = ever needs a closed path, but the references of this one end {apart:.3g} away from their "
-                f"start; allowed: at most {_CLOSED:g}"
+                f"laps = ever needs a closed path; the ends of this one differ by {apart:.3g}, allowed: {_CLOSED:g}"
             )
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     sampled = SampledLaw(policy, references)

@@ -126,10 +126,7 @@ class _Begin:
             for name in ("constants", "columns")
         )
         if len(columns) < numbers:
-            raise ValueError(
-                f"the set in which a lap begins has {numbers} numbers and {len(columns)} columns; needed: at least "
-                f"{numbers}"
-            )
+            raise ValueError(f"a set of {numbers} numbers has {len(columns)} columns; needed: at least {numbers}")
         centre, memory, waiting = point
         return LapSet(centre, memory, waiting, constants.T, columns.T)
 

@@ -222,9 +222,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         real("learner.optimizer.lr", group["lr"], low=0.0)
         changed = [name for name, value in own.items() if name != "lr" and group[name] != value]
         if changed:
-            raise ValueError(
-                f"learner.optimizer has values of {', '.join(changed)} that differ from those of this training"
-            )
+            raise ValueError(f"learner.optimizer differs from that of this training in {', '.join(changed)}")
     for place, moments in instance("learner.optimizer.state", found["optimizer"]["state"], dict).items():
         parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)].detach()
         name = f"learner.optimizer.state.{place}"

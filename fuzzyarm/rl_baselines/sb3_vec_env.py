@@ -53,9 +53,7 @@ class StableBaselinesVecEnv(VecEnv):
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(
-                f"autoreset_mode = {mode}; stable-baselines3 needs environments made with {AutoresetMode.SAME_STEP}"
-            )
+            raise ValueError(f"autoreset_mode = {mode}; stable-baselines3 needs {AutoresetMode.SAME_STEP}")
         self.envs = envs
         self.vector_info: dict[str, Any] = {}
         self._returns, self._lengths = np.zeros(envs.num_envs), np.zeros(envs.num_envs, dtype=np.int64)

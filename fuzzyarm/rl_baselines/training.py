@@ -108,13 +108,9 @@ class Training:
             begun = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
-            raise CheckpointError(
-                f"{folder / CHECKPOINT} is of another version: {error}; start the training again"
-            ) from None
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start again") from None
         if type(begun) is not type(config):
-            raise CheckpointError(
-                f"{folder} holds a training with the algorithm {found['algorithm']}; choose another folder"
-            )
+            raise CheckpointError(f"{folder} holds a training with {found['algorithm']}; choose another folder")
         was, now = begun.to_dict(), config.to_dict()
         free = ("total_timesteps", "checkpoint_interval")  # on which what is learned does not depend
         other = [name for name in {**was, **now} if name not in free and was.get(name) != now.get(name)]

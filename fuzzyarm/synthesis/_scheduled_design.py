@@ -110,8 +110,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     if premises is None:
         if specification.rules > 2 ** (n - 1):
             raise DesignFailed(
-                f"rules = {specification.rules} is too large for {robot.name}, which has {n} joints; allowed: at most "
-                f"{2 ** (n - 1)}"
+                f"{robot.name} has {n} joints, which allow at most {2 ** (n - 1)} rules: ask for fewer rules"
             )
         premises = ()
         while 2 ** len(premises) < specification.rules:

@@ -170,10 +170,7 @@ def _identify(options: Options, start: AnyArm) -> int:
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:
-        raise UsageError(
-            "--apply and --stribeck are for two-joint arms (fuzzyarm.envs.physics.parameters.ArmParameters) only; "
-            "leave them out"
-        )
+        raise UsageError("--apply and --stribeck are for the two-joint arm only, not for robots; leave them out")
     try:
         with progress("steps", None) as advance:
             found = identify(logs, start, advance, stribeck=options.stribeck)

@@ -301,16 +301,10 @@ class Lanes:
                 "unchanged state of get_state"
             )
         if not np.array_equal(arrays["drawn"], drawn):
-            raise ValueError(
-                "state['drawn'] differs from what the random keys in this state draw; give an unchanged state of "
-                "get_state"
-            )
+            raise ValueError("state['drawn'] differs from what the state's keys draw; give a state of get_state")
         changing = size(self.physics.State)
         if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
-            raise ValueError(
-                "state['values'] differs from the arms that the random keys in this state draw; give an unchanged "
-                "state of get_state"
-            )
+            raise ValueError("state['values'] differs from the arms of the state's keys; give a state of get_state")
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""

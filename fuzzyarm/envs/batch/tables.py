@@ -206,8 +206,7 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
     bounds = bounds_of(arm)
     if reference.joints != len(bounds.low):
         raise ValueError(
-            f"reference moves {reference.joints} joints, but the plant has {len(bounds.low)}: build a reference for "
-            "this plant"
+            f"reference moves {reference.joints} joints, but the plant has {len(bounds.low)}: build one for the plant"
         )
     made_for = getattr(reference, "parameters", getattr(reference, "robot", arm))
     if isinstance(made_for, ArmParameters) and isinstance(arm, ArmParameters):

@@ -65,7 +65,7 @@ class _Model:
         self.chain = [joint for joint in spec.joints if joint.name not in fixed]
         if not self.chain:
             raise ValueError(
-                "the model has no joint that moves, apart from those in `fixed`; give a model with one, or fix fewer"
+                "the model has no joint that moves, except in `fixed`; give a model with one, or fix fewer"
             )
         if not all(joint.name for joint in self.chain):
             raise ValueError("a joint has no name; give each joint of the model one")
@@ -318,9 +318,7 @@ def _text(path: Path) -> str:
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:
-        raise ValueError(
-            f"its element <{found[1]}> refers to another file, which is not supported; merge the files into one"
-        )
+        raise ValueError(f"its <{found[1]}> refers to another file, which is not supported; merge the files into one")
     return text
 
 

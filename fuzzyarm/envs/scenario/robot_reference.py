@@ -176,9 +176,7 @@ class TipReference(PathReference):
         for k in range(1, len(_STEPS)):
             step = (_STEPS[k] - _STEPS[k - 1]) * slopes[-1]
             if not np.abs(step).max() <= _LONGEST_STEP:
-                raise self._lost(
-                    k - 1, postures[-1], f"there {self._joint(step)} would have to turn too far in one step"
-                )
+                raise self._lost(k - 1, postures[-1], f"there {self._joint(step)} would have to turn too far at once")
             postures.append(self._corrected(k, postures[-1], step, points[k]))
             slopes.append(self._slope(postures[-1], tangents[k]))
         coarse = CubicHermiteSpline(_STEPS, np.array(postures), np.array(slopes))

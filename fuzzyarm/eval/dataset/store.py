@@ -192,9 +192,7 @@ def open_dataset(folder: str | Path) -> Any:
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DocumentError(
-            f"{path} is not a data set that Minari can read ({reason}); write the data set again"
-        ) from None
+        raise DocumentError(f"{path} is not a data set that Minari can read ({reason}); write it again") from None
     if found is None:
         raise DocumentError(f"{path} was not written by fuzzyarm dataset; write one with fuzzyarm dataset --out DIR")
     try:
@@ -202,9 +200,7 @@ def open_dataset(folder: str | Path) -> Any:
     except (AttributeError, TypeError, ValueError):
         raise DocumentError(f"{path} does not state its origin; write the data set again") from None
     if schema != _SCHEMA:
-        raise DocumentError(
-            f"{path} has the version {shown(schema)}; this package reads {_SCHEMA}: write the data set again"
-        )
+        raise DocumentError(f"{path} has the version {shown(schema)}; this package reads {_SCHEMA}: write it again")
     return dataset
 
 

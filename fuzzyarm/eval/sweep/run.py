@@ -124,10 +124,7 @@ class Sweep:
             )
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
         if changed := _difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
-            raise ValueError(
-                f"{folder} holds a sweep with other settings ({changed}): resume it with its own, or choose another "
-                "--out"
-            )
+            raise ValueError(f"{folder} holds a sweep with other settings ({changed}): choose another --out")
         names = found_again(config.policies, then["policies"], named, Path(folder))
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
         if changed := _difference(then, _identity_of(config, specs)):

@@ -100,7 +100,7 @@ def _check_strength(arm: AnyArm) -> None:
     if share[joint] >= 1.0:
         raise ValueError(
             f"the arm cannot hold itself: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m against "
-            f"gravity on the default path, but its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or "
+            f"gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or "
             "lengths"
         )
 

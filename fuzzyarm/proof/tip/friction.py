@@ -115,9 +115,7 @@ def check_curve(arm: Arm) -> None:
         rest = curve.series(arb(0))
         fits = rest[0].overlaps(curve.static) and rest[1] <= 0
         if not (fits and all(curve.meets(*each) for each in curve.conditions())):
-            raise NoBound(
-                f"the friction of motor {joint + 1} does not match its curve, fuzzyarm.envs.physics.friction.STRIBECK"
-            )
+            raise NoBound(f"the friction of motor {joint + 1} does not match the Stribeck curve of its parameters")
 
 
 class Plan(enum.Enum):

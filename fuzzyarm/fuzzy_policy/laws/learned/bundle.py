@@ -191,10 +191,7 @@ class PolicyBundle(Trained):
         """Write the bundle, see `write_folder`; ValueError for a recurrent network, which has no file."""
         network, arrays, tensors = self.network, ("mean", "std"), {}
         if network.cell is not None:
-            raise ValueError(
-                "a recurrent network cannot be saved as a policy folder: keep the model file of the library that "
-                "trained it"
-            )
+            raise ValueError("a recurrent network cannot be saved: keep the model file of the library that trained it")
         for number, layer in enumerate(zip(network.weights, network.biases, strict=True)):
             tensors[f"layer{number}.weight"], tensors[f"layer{number}.bias"] = layer
         described = {"sizes": list(network.sizes), "activation": network.activation}

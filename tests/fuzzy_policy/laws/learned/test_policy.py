@@ -91,7 +91,7 @@ def test_periods_and_bases_that_do_not_fit_are_named():
         (lambda: LearnedPolicy(bundle(), 4e-3), r"control_period = 0.004 s"),
         (lambda: LearnedPolicy(residual), "trained with base = fuzzy-4, but base = none"),
         (lambda: LearnedPolicy(bundle(), base=base), "trained with base = None, but base = FuzzyPolicy"),
-        (lambda: LearnedPolicy(residual, 2e-3, base=base), r"control period of 0.001 s, not 0.002 s"),
+        (lambda: LearnedPolicy(residual, 2e-3, base=base), r"control_period = 0.001 s; needed: 0.002 s"),
     ):
         with pytest.raises(ValueError, match=message):
             made()

@@ -108,9 +108,7 @@ class EstimateNetwork:
         for field in dataclasses.fields(self):
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
-            raise ValueError(
-                f"U has {self.hidden} rows and P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY} in each"
-            )
+            raise ValueError(f"U has {self.hidden} rows, and P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
         if len(self.V) == 0 or self.axes not in _AXES:
             needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
             raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, which fit no arm; {needed}")
