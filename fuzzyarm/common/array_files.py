@@ -78,7 +78,7 @@ def _check_directory(file: BinaryIO, size: int) -> None:
     file.seek(max(size - _END.size, 0))
     content = file.read(_END.size)
     if len(content) < _END.size:
-        raise ValueError("it is too short")
+        raise ValueError("it is too short for a zip archive")
     signature, *_, length, _, comment = _END.unpack(content)
     if signature != b"PK\x05\x06" or comment:
         raise ValueError("it does not end like a zip archive")
@@ -95,36 +95,36 @@ def _check_directory(file: BinaryIO, size: int) -> None:
 def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
     names = {member.filename for member in members}
     if len(names) < len(members):
-        raise ValueError("a name occurs twice")
+        raise ValueError("two of its entries have the same name")
     for member in members:
         if not member.filename.endswith(_ENDING):
-            raise ValueError(f"{member.filename[:40]!r} is not an array")
+            raise ValueError(f"{member.filename[:40]!r} is not an array: its name must end in {_ENDING}")
         if member.flag_bits & _ENCRYPTED:
             raise ValueError(f"{member.filename[:40]!r} is encrypted")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise ValueError(f"{member.filename[:40]!r} has the unknown compression {member.compress_type}")
     total = sum(member.file_size for member in members)
     if total > most:
-        raise ValueError(f"it unpacks to {total} bytes; allowed for this file: {most}")
+        raise ValueError(f"it unpacks to {total} bytes; allowed for this file: at most {most}")
 
 
 def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
     """Return an array of a file of a size; ValueError unless it has exactly as many bytes as its header states."""
     if np.lib.format.read_magic(stream) != (1, 0):
-        raise ValueError(f"{name[:40]!r} has another version of the format")
+        raise ValueError(f"{name[:40]!r} must be in version 1.0 of the .npy format")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # about headers of Python 2
         shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
     fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
     if any(field.kind not in _KINDS or field.names is not None for field in fields):
-        raise ValueError(f"arrays of {dtype} are not read"[:160])
+        raise ValueError(f"it has an array of the unsupported type {dtype}"[:160])
     needed, left = math.prod(shape) * dtype.itemsize, size - stream.tell()
     if min(shape, default=0) < 0 or needed != left:
-        raise ValueError(f"{name[:40]!r} has {left} bytes for the shape {shape} of {dtype}"[:160])
+        raise ValueError(f"{name[:40]!r} has {left} bytes; needed: {needed}, for the shape {shape} of {dtype}"[:160])
     array = np.empty(shape, dtype, order="F" if by_columns else "C")
     content = stream.read(needed + 1)  # with the limit: `read()` would unpack more than the stated size
     if len(content) != needed:
-        raise ValueError(f"{name[:40]!r} unpacks to {len(content)} bytes in place of {needed}")
+        raise ValueError(f"{name[:40]!r} does not unpack to the {needed} bytes that its header states")
     if needed:
         array.reshape(-1, order="A").view(np.uint8)[:] = np.frombuffer(content, dtype=np.uint8)
     _check_values(name, array)

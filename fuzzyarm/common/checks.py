@@ -117,7 +117,7 @@ def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
 def texts(name: str, values: Any) -> Sequence[str]:
     """Return a sequence of strings; TypeError for anything else, including a single string."""
     if not isinstance(values, list | tuple) or not all(isinstance(value, str) for value in values):
-        raise TypeError(f"{name} = {shown(values)} must be a tuple of names")
+        raise TypeError(f"{name} = {shown(values)} must be a list or tuple of strings")
     return values
 
 
@@ -164,7 +164,7 @@ def finite_array(
         raise ValueError(f"{name} holds numbers that are not finite")
     if (np.abs(result) > largest).any():
         allowed = _allowed(unit, low=-largest, high=largest)
-        raise ValueError(f"{name} holds a number of size {np.abs(result).max():g}: out of range; {allowed}")
+        raise ValueError(f"{name} holds a number of magnitude {np.abs(result).max():g}: out of range; {allowed}")
     return result
 
 

@@ -102,7 +102,7 @@ def parse_json(text: bytes | str) -> Any:
     try:
         text = text.decode("utf-8") if isinstance(text, bytes) else text
         if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
-            raise ValueError(f"more than {_MOST_VALUES} values, the limit")
+            raise ValueError(f"it has more than {_MOST_VALUES} values, the limit")
         content = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_constant)
         _check_values(content, finite=True)
     except (ValueError, RecursionError) as error:
@@ -146,7 +146,7 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
     """Return a mapping whose ``schema`` is the one that this version reads; ValueError names both if it is another."""
     found = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(content, dict) or found != schema:
-        raise ValueError(f"the schema is {str(found)[:80]!r}, this version reads {schema!r}")
+        raise ValueError(f"the schema is {str(found)[:80]!r}; this version of fuzzyarm reads {schema!r}")
     return content
 
 
@@ -197,7 +197,7 @@ def _check_dotted_keys(text: str) -> None:
     for part in text.split("."):
         run = run + 1 if part.strip() and not any(mark in part for mark in "=,[]{}#\n") else 0
         if run > _DEEPEST:
-            raise ValueError(f"a key has more than {_DEEPEST} parts")
+            raise ValueError(f"a dotted key has more than {_DEEPEST} parts, the limit")
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
@@ -207,7 +207,7 @@ def _check_values(content: Any, *, finite: bool) -> None:
         below: list[Any] = []
         for part in level:
             if isinstance(part, dict | list) and depth == _DEEPEST:
-                raise ValueError(f"lists and mappings are nested more than {_DEEPEST} deep")
+                raise ValueError(f"lists and mappings are nested more than {_DEEPEST} levels deep, the limit")
             if isinstance(part, dict):
                 below.extend(part)
                 below.extend(part.values())

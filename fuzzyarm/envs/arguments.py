@@ -93,7 +93,7 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
     try:
         return np.array(array, dtype=np.float64, order="C")
     except MemoryError:
-        raise ValueError(f"{name} has shape {array.shape}: more numbers than the memory holds") from None
+        raise ValueError(f"{name} has shape {array.shape}, which is too large for the memory") from None
 
 
 def action_space(arms: Sequence[AnyArm]) -> spaces.Box:
@@ -173,7 +173,7 @@ def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
         return None
     if isinstance(given, Sequence | np.ndarray):
         if len(given) != lanes:
-            raise ValueError(f"{len(given)} seeds for {lanes} lanes; give one, or one per lane")
+            raise ValueError(f"{len(given)} seeds were given for {lanes} lanes; give one, or one per lane")
         return each_lane(_seed, list(given))
     first = _seed(given)
     return [first + lane for lane in range(lanes)]

@@ -41,11 +41,11 @@ def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
     """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
-        raise TypeError(f"{name} is {kind}; it must be a numpy array of {lanes} booleans: which lanes to reset")
+        raise TypeError(f"{name} is {kind}; it must be a NumPy array of {lanes} booleans, True for each lane to reset")
     if mask.shape != (lanes,):
         raise ValueError(f"{name} has shape {mask.shape}; needed: {(lanes,)}, one boolean per lane")
     if not mask.any():
-        raise ValueError(f"{name} names no lane; at least one entry must be True")
+        raise ValueError(f"{name} selects no lane; at least one entry must be True")
     return np.flatnonzero(mask)
 
 

@@ -41,7 +41,7 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
     if set(written) != set(labels):
-        raise ValueError(f"declared is about {listed(written)}; the policies that were run are {listed(labels)}")
+        raise ValueError(f"`declared` describes {listed(written)}, but the policies that were run are {listed(labels)}")
     return {label: None if written[label] is None else stated(written[label]) for label in labels}
 
 
@@ -56,7 +56,7 @@ def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list
     permitted = set(map(recorded, named))
     if flags := " ".join(f"--policy {name}" for name in code if recorded(name) not in permitted):
         raise ValueError(
-            f"{place} that is not part of fuzzyarm, which a file alone cannot run; if you trust it, add {flags}"
+            f"{place} that is not part of fuzzyarm, and a file alone runs no code; if you trust this code, add {flags}"
         )
     others = [spec for spec in map(resolve, named) if recorded(spec.name) not in set(map(recorded, code))]
     return [one.name for one in others if one.kind is Kind.CODE or one.named or one.label not in labels]

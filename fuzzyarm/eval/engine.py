@@ -130,7 +130,7 @@ class Engine:
             from ray.util.joblib.ray_backend import RayBackend
         except ModuleNotFoundError as error:
             raise ValueError(
-                f'{error.name} is not installed; in the repository: pip install -c constraints.txt -e ".[cluster]"'
+                f'{error.name} is not installed; run in the repository: pip install -c constraints.txt -e ".[cluster]"'
             ) from None
         backend = RayBackend()
         backend.supports_return_generator = True  # joblib's own pool does not; Ray's hands results over one by one

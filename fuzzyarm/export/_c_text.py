@@ -223,11 +223,12 @@ def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
     law, joints = law_of(policy), policy.joints
     if law is None:
         raise Unsupported(
-            f"{type(policy).__name__} has no law that can be written as C; make it a `LawPolicy` (docs: add a policy)"
+            f"{type(policy).__name__} has no law that can be exported; derive the class from "
+            "fuzzyarm.fuzzy_policy.law.LawPolicy, see docs/contributing/add.md"
         )
     numbers = sum(table.size for table in law.tables)
     if numbers > _LARGEST:
-        raise Unsupported(f"it has {numbers} numbers in its tables or layers; allowed: {_LARGEST}")
+        raise Unsupported(f"it has {numbers} numbers in its tables or layers; allowed: at most {_LARGEST}")
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
     command, constants = within_limits(law, joints, policy.integral_at), law.constants
     limit = tuple(policy.torque_limit.tolist())
@@ -526,7 +527,7 @@ class _Writer:
         if name == "real":
             return f"{texts[0]} ? {_literal_of(1.0, self._real)} : {_literal_of(0.0, self._real)}"
         if name not in _HELPERS:
-            raise Unsupported(f"{self._of.source} computes a {name}, which has no C function here")
+            raise Unsupported(f"{self._of.source} computes {name!r}, an operation that cannot be written in C")
         self.used |= {name, "rint"} if name == "floor" else {name}
         return f"{name}_({_bare(texts[0])})"
 

@@ -176,7 +176,7 @@ def sources_of(label: str, policy: Policy, number: str, *, limits_given: bool = 
         program = program_of(policy, limits_given=limits_given)
         source = program.source_text(name, number)
     except Unsupported as error:
-        raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
+        raise ValueError(f"{label} cannot be written in C: {error}; see docs/controllers/export.md") from None
     about = [*_about_policy(name, label, policy, program), _cost_line(label, number, digest_of(source, name))]
     return {f"{name}.h": program.header_text(name, about, number), f"{name}.c": source}
 

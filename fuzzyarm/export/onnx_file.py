@@ -76,7 +76,8 @@ class _Graph:
             from onnx import helper, numpy_helper
         except ImportError:
             raise ValueError(
-                'an ONNX file needs the package onnx: pip install -c constraints.txt -e ".[onnx]" in the repository'
+                "onnx, which writes the file, is not installed; run in the repository: "
+                'pip install -c constraints.txt -e ".[onnx]"'
             ) from None
         memory, seen, joints = program.ports
         before, given = self._columns("memory", memory + joints), self._columns("observation", seen)
@@ -126,7 +127,7 @@ class _Graph:
         if operation == "real":
             return float(operands[0]) if known else self._node("Cast", *operands, to=_DOUBLE)
         if operation not in _OPERATORS:
-            raise Unsupported(f"it computes a {operation}, which has no operator here")
+            raise Unsupported(f"it computes {operation!r}, an operation that cannot be written as an ONNX operator")
         operator, function = _OPERATORS[operation]
         if known:
             with np.errstate(all="ignore"):

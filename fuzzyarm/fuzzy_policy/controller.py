@@ -83,11 +83,11 @@ class Controller(SignedController):
             if (shape is None) != (getattr(self, name) is None):
                 of_pole = name in POLE_ARRAYS and self.form == "consistent"
                 other = f"fastest_pole = {self.fastest_pole}" if of_pole else f"the {self.form} form"
-                raise ValueError(f"{name} does not go with {other}")
+                raise ValueError(f"{name} must {'not ' * (shape is None)}be given with {other}")
             if shape is not None:
                 self._take(**{name: self._array(name, shape)})
         if self.fastest_pole is not None and self.form != "consistent":
-            raise ValueError(f"fastest_pole does not go with the {self.form} form")
+            raise ValueError(f"fastest_pole must not be given with the {self.form} form")
         n_e = self.gains.shape[-1]
         if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
             raise ValueError("P must be symmetric and block diagonal")

@@ -105,7 +105,7 @@ class Policy(abc.ABC):
         """Return a state (..., memory_size) of `predict` as an array; TypeError or ValueError for anything else."""
         array = array_of("state", state)
         if array.dtype.kind not in "fiu":
-            raise TypeError(f"state = {shown(state)} must be an array (..., {self.memory_size}) of predict")
+            raise TypeError(f"state = {shown(state)} must be an array of shape (..., {self.memory_size}) from predict")
         if array.shape[-1:] != (self.memory_size,):
             raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as from predict")
         return array
@@ -191,9 +191,9 @@ class Policy(abc.ABC):
                 return True
         if sure:
             warnings.warn(
-                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but by their reference "
-                f"the observations are {1e3 * period:g} ms apart; give load_policy control_period={period:g}, or the "
-                f"environment control_period={self.control_period:g}{reason}",
+                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but by their references "
+                f"the observations are {1e3 * period:g} ms apart; load the policy with control_period={period:g}, or "
+                f"make the environment with control_period={self.control_period:g}{reason}",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -226,7 +226,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 def _no_torque(observation: np.ndarray) -> ValueError:
     """Return the error for observations (lanes, 5 n) for which a law returns nan."""
     largest = np.abs(observation).max()
-    return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
+    return ValueError(f"the policy has no finite torque for an observation with a number of magnitude {largest:g}")
 
 
 class PassLearner(abc.ABC):
@@ -278,7 +278,7 @@ class PassLearner(abc.ABC):
             raise TypeError(f"state = {shown(state)} must be {needed}")
         size, own = state.memory.shape[1], self.policy.memory_size
         if size != own:
-            raise ValueError(f"state has a memory of {size} numbers; needed: {own}, that of this arm")
+            raise ValueError(f"state has a memory of {size} numbers; needed: {own}, as for the arm of this policy")
         return state
 
     def _clipped(self, seen: np.ndarray, torque: np.ndarray) -> np.ndarray:

@@ -251,7 +251,7 @@ def _heading(
             todo = todo or f"write {style.width} names in the line above the numbers"
             if style.delimiter == "," and style.width >= 2 * width - 1 > 1:
                 todo = "numbers with a decimal comma need a delimiter other than the comma"
-            text = f"its lines have {style.width} cells, its heading {shown(worded[-1])} has {width}"
+            text = f"its lines have {style.width} cells, but its heading {shown(worded[-1])} has {width}"
             raise ValueError(f"{text}; {todo}")
         return [], {}
     names, below = found[-1], [""] * style.width

@@ -256,7 +256,7 @@ def _pieces(
         if not np.isfinite(table.values[:, place]).any():
             text = f", as in {shown(table.texts[place])}" if place in table.texts else ""
             raise ValueError(
-                f"column {shown(table.names[place])} contains no numbers{text}; choose another with --columns"
+                f"column {shown(table.names[place])} contains no numbers{text}; choose another column with --columns"
             )
     if not whole.any():
         raise ValueError("no row has numbers in all columns; resample the signals to common instants")
@@ -268,7 +268,7 @@ def _pieces(
         ]
         raise ValueError(
             f"{np.count_nonzero(~whole)} of {len(whole)} rows lack a number{': ' + words[0] if words else ''}; write "
-            "numbers without separators of thousands and without words, or leave these rows out"
+            "numbers without thousands separators and without words, or leave these rows out"
         )
     if not whole.all():
         remarks.append(f"{np.count_nonzero(~whole)} row(s) lack a number: left out")
@@ -302,7 +302,7 @@ def _pieces(
 
     stamps = part["time"][:, 0]
     if joints == 1 and np.mean(np.diff(stamps) == 0.0) > _REPEATED:
-        raise ValueError("its stamps occur several times; write a line for each instant, with a column for each joint")
+        raise ValueError("several lines have the same time; write one line per instant, with a column for each joint")
     if (np.diff(stamps) < 0.0).all():
         stamps, part = stamps[::-1], {kind: values[::-1] for kind, values in part.items()}
         remarks.append("its time decreases throughout: read from the last row to the first")
@@ -375,7 +375,7 @@ def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.n
     """Return times [s] since the first stamp; a unit that is not stated is guessed from the median step."""
     steps = np.diff(stamps)
     if not (steps > 0.0).any():
-        raise ValueError("its time column never increases; choose another with --columns time=NAME")
+        raise ValueError("its time column never increases; choose another column with --columns time=NAME")
     step = float(np.median(steps[steps > 0.0]))
     if unit is None:
         sizes = {name: size for name, size in _UNITS["time"].items() if size <= 1.0}
@@ -408,7 +408,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
         largest = max(len(stamps) for stamps, _ in pieces)
         raise ValueError(
             f"its longest part without a gap in time of more than {1e3 * longest:.3g} ms has {largest} samples; "
-            f"needed: at least {FEWEST_SAMPLES}; another column may have the time, see --columns time=NAME"
+            f"needed: at least {FEWEST_SAMPLES}; if another column has the time, name it with --columns time=NAME"
         )
     if len(pieces) > 1:
         short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)

@@ -151,7 +151,8 @@ def identify(
     for log in given:
         if log.angle.shape[1] != joints:
             raise ValueError(
-                f"{log.name} has {log.angle.shape[1]} joints, but the start has {joints}; give logs of one arm"
+                f"{log.name} has {log.angle.shape[1]} joints, but the arm `start` has {joints}; give logs of that arm, "
+                "or another start"
             )
     step = advance or (lambda: None)
     try:
@@ -302,28 +303,29 @@ def _is_doubtful(stages: Stages) -> bool:
 
 
 def _remarks(stages: Stages, logs: int) -> list[str]:
-    found = ["Motors alone never tell length, mass and gravity: they are those of the start, as are the limits."]
+    found = ["Lengths, masses, gravity and limits are those of the starting arm: motors alone do not determine them."]
     if _is_doubtful(stages):
         found.append(
             f"The arm explains little of the logs: held-out errors are above {_DOUBTFUL:g} of the motion. Check units, "
-            "signs and delays of the logs, and lengths and masses of the start."
+            "signs and delays of the logs, and lengths and masses of the starting arm."
         )
     if stages.untold:
         found.append(
-            f"No log tells {', '.join(stages.untold)}: the values of the start are kept. Move both joints to and fro, "
-            "faster and further, as the motion of --suggest does."
+            f"The logs do not determine {', '.join(stages.untold)}: the values of the starting arm are kept. Move both "
+            "joints to and fro, faster and further, as the motion of --suggest does."
         )
     if logs == 1:
-        found.append("How the values differ between logs is unknown from one log: there are no intervals.")
+        found.append("One log does not show how the values differ between logs: there are no intervals.")
     if stages.interrupted:
         found.append("Interrupted: later stages and some held-out errors are missing.")
     elif not stages.is_elastic:
         found.append(
-            "Stiffness, damping and the split of inertia 1 between rotor and link are not told: springs do not lower "
-            "the held-out error. The ranges are part of the file; give the rotor of the data sheet to narrow them."
+            "Stiffness, damping and the split of inertia 1 between rotor and link are not determined: springs do not "
+            "lower the held-out error. The ranges are part of the file; give the rotor of the data sheet to narrow "
+            "them."
         )
     if "Stribeck" in stages.errors and not any("static" in name for name in stages.found.search.names):  # type: ignore[union-attr]
-        found.append("Friction that is larger at rest does not lower the held-out error: it is not told.")
+        found.append("Friction that is larger at rest does not lower the held-out error: it is not determined.")
     return found
 
 

@@ -159,7 +159,7 @@ class _Writer:
         elif name == "select":
             self.put(f"{out} = select {truth} {a[0]}, {kind} {a[1]}, {kind} {a[2]}")
         else:
-            raise ValueError(f"operation {name} has no machine code")
+            raise ValueError(f"the operation {name!r} cannot be compiled to machine code")
         if uniform and self.width > 1:
             self.spread(f"%v{one.number}", _KINDS[one.kind], out)
 

@@ -174,7 +174,9 @@ class Kernel:
         for table, (array, shape) in enumerate(zip(tables, program.tables, strict=True)):
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
-                raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
+                raise ValueError(
+                    f"table {table} has shape {array.shape}; needed: contiguous float64 rows of {shape[1:]}"
+                )
         lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
         return _Known(arrays, constants, tables, arms, lengths, self.code(arms))
 

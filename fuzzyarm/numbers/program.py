@@ -69,7 +69,7 @@ class Program:
         outputs = [self._outputs(port) for port in results]
         counts = tuple(map(len, outputs))
         if counts != self.ports:
-            raise ValueError(f"the function returns ports of {counts} numbers, and takes {self.ports}")
+            raise ValueError(f"the function returns {counts} numbers for its ports; it must return {self.ports}")
         self.outputs = list(itertools.chain(*outputs))
         self._reachable(self.outputs)
 
@@ -80,7 +80,7 @@ class Program:
         if not isinstance(tree, Array):
             return [tree]
         if tree.memory != "room":
-            raise TypeError("an array of a port is changed in place, and returned itself")
+            raise TypeError("a function must change the array of a port in place and return that array itself")
         size = Cells(tree.shape).size
         return list(self.inputs[tree.first.constant : tree.first.constant + size])
 
@@ -133,7 +133,7 @@ class Program:
         """Return the symbol of an operation; record the operation unless its result is already available."""
         if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
             if operation not in _OF_WORDS:
-                raise TypeError(f"{operation} is not an operation on words")
+                raise TypeError(f"the operation {operation!r} is not available for words")
             operands = tuple(one if isinstance(one, Symbol) else Word(one) for one in operands)
             kind = "real" if operation in ("number", "bits") else "word"
         elif operation in _ARITHMETIC:

@@ -53,7 +53,7 @@ class Symbol:
 
     def __bool__(self) -> bool:
         """Raise TypeError: the value is not known while a function is recorded."""
-        raise TypeError("a branch on a number that is not known while it is recorded; use select or when")
+        raise TypeError("a recorded function cannot branch on a number that it computes; use select or when")
 
 
 def _recorded(operation: str, *, swapped: bool = False, kind: str = "real", text: str = "") -> Callable[..., Symbol]:
@@ -146,7 +146,7 @@ class Array:
     def __setitem__(self, key: Any, value: Any) -> None:
         first, shape, _ = self._place(key)
         if shape or self.memory.startswith("table"):
-            raise TypeError("arrays are written number by number, and tables are read-only")
+            raise TypeError("only single numbers can be assigned to an array, and none to a table")
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
@@ -162,7 +162,7 @@ class Array:
                 steps.append(step)
             else:
                 if not isinstance(one, Index) and not 0 <= one < size:
-                    raise IndexError(f"{one} is outside of an axis of {size}")
+                    raise IndexError(f"index {one} is out of range for an axis of size {size}")
                 first = first + one * step
         return first, tuple(shape), tuple(steps)
 

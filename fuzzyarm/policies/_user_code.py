@@ -113,7 +113,7 @@ def _imported(name: str) -> ModuleType:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:
         if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
-            raise ValueError(f"{name}: {error}; it is neither in {here} nor an installed package") from None
+            raise ValueError(f"{name}: {error}; this module is neither in {here} nor installed") from None
         raise ValueError(f"{name}: importing {module} failed: {_described(error)}") from error
 
 

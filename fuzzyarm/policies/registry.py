@@ -159,7 +159,8 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
     """
     if not (isinstance(name, str) and name) or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
         raise ValueError(
-            f"{name!r} cannot name a policy: it must not end in {TIP} or .json, or contain a slash or a colon"
+            f"{name!r} cannot name a policy: a name is a string that neither ends in {TIP} or .json nor contains a "
+            "slash, a backslash or a colon"
         )
     if not callable(factory):
         raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")

@@ -89,7 +89,7 @@ class TipClaim:
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=self.samples)
         if choice("laps", self.laps, ("one", "ever")) == "ever" and self.steps is not None:
-            raise ValueError(f"steps = {self.steps}: laps = ever needs whole laps; leave out one of the two")
+            raise ValueError(f"steps = {self.steps}: laps = ever needs whole laps; leave out steps or laps")
 
     @property
     def samples(self) -> int:
@@ -247,12 +247,15 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     if claim.laps == "ever":
         apart = float(np.abs(references[-1] - references[0]).max())
         if apart > _CLOSED:
-            raise ValueError(f"laps = ever needs a closed path, but this one ends {apart:.3g} away from its start")
+            raise ValueError(
+                f"laps = ever needs a closed path; the ends of this one differ by {apart:.3g}, allowed: {_CLOSED:g}"
+            )
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     sampled = SampledLaw(policy, references)
     if claim.laps == "ever" and not sampled.repeats(schedule.steps):
         raise NoBound(
-            "the law remembers references for longer than a lap, so that its second lap differs from its third"
+            "the law remembers references for longer than a lap, so that its second lap differs from its third; choose "
+            "laps = one"
         )
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])

@@ -46,7 +46,7 @@ def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet
             ends = [low + (high - low) * k / count for k in range(count)] + [high]
             axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
     if (count := math.prod(map(len, axes))) > 10_000:
-        raise ValueError(f"cells: {count} cells; allowed: at most 10000. Divide into fewer parts")
+        raise ValueError(f"these divisions give {count} cells; allowed: at most 10000. Divide into fewer parts")
     for chosen in itertools.product(*axes):
         cell = plants
         for axis, part in chosen:

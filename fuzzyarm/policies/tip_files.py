@@ -395,7 +395,7 @@ def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
         if not cell.proven:
             return f"{cell.path.name}: {cell.reason}"
         if whole != claim or cell.arm != found[0].arm:
-            return f"{cell.path.name} is about something else"
+            return f"{cell.path.name} states another claim than this file, or is for another arm"
         if cell.bound > bound * _ROUNDING:
             return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
     hole = claim.plants.hole([cell.claim.plants for cell in found])

@@ -55,7 +55,7 @@ class TunedLaws:
             if not name.isprintable() or any(mark in name for mark in "/\\:"):
                 raise ValueError(f"policies: {name!a} must be the name of a policy in the folder, without a path")
             if inner in LAWS and given[inner] is None:
-                raise ValueError(f"policies: {name} is present, but the parameters of {inner} are missing")
+                raise ValueError(f"policies: {name} is listed, but the parameters of {inner} are missing")
 
     @classmethod
     def read(cls, folder: Path, arm: AnyArm) -> TunedLaws:

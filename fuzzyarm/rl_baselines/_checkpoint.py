@@ -89,10 +89,10 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a crafted archive or pickle may raise anything
         reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
-            f"{path} holds something else than tensors, numbers and text: {reason}; start the training again"
+            f"{path} holds something other than tensors, numbers and text: {reason}; start the training again"
         ) from None
     if not isinstance(loaded, dict):
-        raise CheckpointError(f"{path} holds no mapping; start the training again")
+        raise CheckpointError(f"{path} does not hold a mapping of names to values; start the training again")
     return loaded
 
 
@@ -116,7 +116,7 @@ def check_like(name: str, found: Any, own: Any) -> None:
     else:
         kinds = float | int if isinstance(own, float) else type(own)
         if not isinstance(found, kinds) or isinstance(found, bool) != isinstance(own, bool):
-            raise ValueError(f"{name} = {shown(found)} has a different type than in this training")
+            raise ValueError(f"{name} = {shown(found)} has a different type from {shown(own)} in this training")
 
 
 def check_finite(name: str, found: Any) -> None:
@@ -128,7 +128,7 @@ def check_finite(name: str, found: Any) -> None:
         if found.is_floating_point() and not bool((found.abs() <= _LARGEST_NUMBER).all()):
             raise ValueError(f"{name} holds a tensor that is not finite, or numbers beyond {_LARGEST_NUMBER:g}")
     elif isinstance(found, float) and not abs(found) <= _LARGEST_NUMBER:
-        raise ValueError(f"{name} holds the number {found}; allowed: ±{_LARGEST_NUMBER:g}")
+        raise ValueError(f"{name} holds the number {found}; allowed: numbers within ±{_LARGEST_NUMBER:g}")
 
 
 def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
@@ -136,9 +136,9 @@ def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tup
     rows, best = instance("rows", found["rows"], list), found["best"]
     for row in rows:
         if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
-            raise ValueError(f"rows holds {shown(row)}")
+            raise ValueError(f"rows holds {shown(row)}; needed: numbers by name")
     if not is_real(best) or math.isnan(best):
-        raise ValueError(f"best = {shown(best)} is not a number")
+        raise ValueError(f"best = {shown(best)} must be a real number")
     wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
     return rows, float(best), (wall, cpu)
 
@@ -160,7 +160,7 @@ def set_random_state(state: dict[str, Any]) -> None:
     drawn, python = state["numpy"], state["python"]
     keys = np.array(drawn["keys"].numpy())
     if keys.min() < 0 or keys.max() >= 2**32:
-        raise ValueError("generators.numpy.keys are not 32-bit words")
+        raise ValueError("generators.numpy.keys must be whole numbers from 0 to 2^32 - 1")
     whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy reads there without a check
     torch.set_rng_state(state["torch"])
     drawn = drawn | {"keys": keys.astype(np.uint32)}
@@ -173,11 +173,11 @@ def _check_archive(data: bytes) -> None:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
     if any(member.compress_type != zipfile.ZIP_STORED for member in members):
-        raise ValueError("it is compressed")
+        raise ValueError("its archive is compressed")
     if sum(member.file_size for member in members) > len(data):
-        raise ValueError("its members overlap")
+        raise ValueError("the entries of its archive are larger than the file")
     if sum(member.file_size for member in members if "/data/" not in member.filename) > _LARGEST_INDEX:
-        raise ValueError("its index is too large")
+        raise ValueError(f"the entries of its archive other than tensors exceed {_LARGEST_INDEX} bytes")
 
 
 def _check_values(loaded: Any, size: int) -> None:
@@ -186,18 +186,18 @@ def _check_values(loaded: Any, size: int) -> None:
     while rest:
         part, count = rest.pop(), count + 1
         if count > _MOST_VALUES:  # a list may hold one list many times, or itself
-            raise ValueError("too many values")
+            raise ValueError(f"it has more than {_MOST_VALUES} values")
         if isinstance(part, dict):
             rest += [*part, *part.values()]
         elif isinstance(part, list | tuple):
             rest += part
         elif isinstance(part, torch.Tensor):
             if part.layout != torch.strided or part.is_quantized or part.device.type != "cpu" or part.is_complex():
-                raise ValueError("a tensor is not a plain one")
+                raise ValueError("a tensor is not strided, or is quantized, complex or not on the CPU")
             if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
                 raise ValueError("a tensor is larger than the file")
         elif not isinstance(part, str | bool | int | float | None):
-            raise ValueError(f"{type(part).__name__}")
+            raise ValueError(f"an object of type {type(part).__name__}")
 
 
 def _as_tensors(content: Any) -> Any:
@@ -222,7 +222,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         real("learner.optimizer.lr", group["lr"], low=0.0)
         changed = [name for name, value in own.items() if name != "lr" and group[name] != value]
         if changed:
-            raise ValueError(f"learner.optimizer has another {', '.join(changed)} than this training")
+            raise ValueError(f"learner.optimizer differs from that of this training in {', '.join(changed)}")
     for place, moments in instance("learner.optimizer.state", found["optimizer"]["state"], dict).items():
         parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)].detach()
         name = f"learner.optimizer.state.{place}"

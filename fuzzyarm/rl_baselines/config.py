@@ -153,6 +153,6 @@ class EstimateConfig:
         real("learning_rate", self.learning_rate, above=0.0)
         if self.steps % SEGMENT or self.window % SEGMENT or self.window > self.steps:
             raise ValueError(
-                f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the "
-                "window at most the steps"
+                f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, and window "
+                "must not exceed steps"
             )

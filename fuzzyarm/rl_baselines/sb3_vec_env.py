@@ -115,11 +115,14 @@ class StableBaselinesVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Raise: lanes have no attributes of their own."""
-        raise NotImplementedError(f"cannot set {attr_name!r}: lanes differ by the arguments of gym.make_vec only")
+        raise NotImplementedError(
+            f"cannot set {attr_name!r}: lanes have no attributes of their own; give one value per lane as an argument "
+            "of gym.make_vec"
+        )
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Raise: there is no environment object per lane."""
-        raise NotImplementedError(f"cannot call {method_name!r}: there is no environment object per lane")
+        raise NotImplementedError(f"cannot call {method_name!r}: lanes have no environment objects of their own")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Return whether the lanes are wrapped: in `Monitor`, whose ``episode`` infos they have, and no other."""

@@ -201,7 +201,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             options: none are known.
         """
         if options:
-            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options")
+            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options; leave it out")
         first = 0 if seed is None else checks.whole("seed", seed)
         with torch.no_grad():
             if seed is not None or not self._begun:

@@ -128,8 +128,8 @@ class Training:
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
             raise CheckpointError(
-                f"{folder} holds a training of a different arm from {config.robot} as it is now: restore its file, or "
-                "start again in another folder"
+                f"{folder} holds a training of a different arm from {config.robot} as it is now: restore the file of "
+                "the arm, or start again in another folder"
             )
         try:
             training.rows, training.best, training._earlier = progress_in(found)

@@ -103,21 +103,23 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     """
     n = len(instance("robot", robot, Robot))
     if n > _MOST_JOINTS:
-        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {_MOST_JOINTS}")
+        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available for at most {_MOST_JOINTS}")
     begin = time.perf_counter()
     premises = instance("specification", specification, ScheduledSpecification).premises
     alpha = specification.alpha or ALPHAS[0]
     if premises is None:
         if specification.rules > 2 ** (n - 1):
-            raise DesignFailed(f"{robot.name} has {n} joints, and no angle is left to keep: ask for fewer rules")
+            raise DesignFailed(
+                f"{robot.name} has {n} joints, which allow at most {2 ** (n - 1)} rules: ask for fewer rules"
+            )
         premises = ()
         while 2 ** len(premises) < specification.rules:
             premises = (*premises, best_premise(robot, premises, alpha=alpha, count=_SEARCH_SAMPLES))
     for premise in premises:
         if premise.joint >= n:
             raise DesignFailed(
-                f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {n} joints, "
-                "and angles 2 and up change its inertia"
+                f"the premise {premise.name} is of joint {premise.joint + 1}, but {robot.name} has {n} joints; choose "
+                f"premises of the joints 2 to {n}"
             )
     metric = fitted_metric(robot, premises, alpha=alpha, count=_SAMPLES)
     searched = time.perf_counter() - begin
@@ -129,7 +131,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
         if certificate.proven:
             return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
         failed = next(claim.name for claim in certificate.claims if not claim.proven)
-    raise DesignFailed(f"the proof fails at {failed}")
+    raise DesignFailed(f"the design is not proven: the inequality {failed} fails")
 
 
 def _chosen(
@@ -189,7 +191,7 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
     if specification.gamma is not None:
         found = feedback_for_gamma(kappa, rate, specification.gamma * floor)
         if found is None:
-            raise DesignFailed(f"no feedback reaches gamma = {specification.gamma:g} rad/(N m): ask for a larger one")
+            raise DesignFailed(f"no feedback reaches gamma = {specification.gamma:g} rad/(N m): ask for a larger gamma")
         return found
     pole = _POLE_FACTOR * lowest if specification.fastest_pole is None else specification.fastest_pole
     found = best_feedback(kappa, rate, pole)

@@ -66,7 +66,7 @@ MISTAKES = [
     ("design --out no/such/folder/c.json", "does not exist"),
     ("bench --rounds 6", "rounds = 6 must be odd"),
     ("bench --lanes 64 0", "lanes = 0"),
-    ("bench --lanes-sweep", "say where with --out DIR"),
+    ("bench --lanes-sweep", "choose its folder with --out DIR"),
     ("design --out c.json --control-period 0", "control_period = 0.0 s is out of range"),
     ("evaluate --control-period 1", "--control-period 1.0 s is out of range"),
     ("margins --control-period 2", "control_period = 2.0 s is out of range"),

@@ -59,7 +59,7 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
         ("[-Infinity]", "-Infinity is not a JSON number"),
         ('{"gain": 1e999}', "'gain' is not finite"),
         ("[1e999]", "a number is not finite"),
-        ("[" * (_DEEPEST + 1) + "]" * (_DEEPEST + 1), f"nested more than {_DEEPEST} deep"),
+        ("[" * (_DEEPEST + 1) + "]" * (_DEEPEST + 1), f"nested more than {_DEEPEST} levels deep"),
         ("[" * 100_000 + "]" * 100_000, "nested"),
         ("1" * 5000, "digits"),
     ],
@@ -96,7 +96,7 @@ def test_only_regular_files_of_a_limited_size_are_read(read, tmp_path):
         (b'name = "\xff"', r"arm\.toml is not a TOML file: "),
         (b"x = " + b"[" * 9**5, r"arm\.toml is not a TOML file: "),
         # Python would take a time that grows with the square of the parts.
-        (b".".join([b"a"] * (_DEEPEST + 2)) + b" = 1", f"a key has more than {_DEEPEST} parts"),
+        (b".".join([b"a"] * (_DEEPEST + 2)) + b" = 1", f"a dotted key has more than {_DEEPEST} parts"),
         (b".".join([b"a"] * 9**5) + b" = 1", r"arm\.toml is not a TOML file: "),
     ],
 )
@@ -130,5 +130,5 @@ def test_what_does_not_fit_a_record_is_named_by_its_place(content, problem):
 @pytest.mark.parametrize("content", [None, "fuzzyarm/1", {}, {"schema": "fuzzyarm/2"}])
 def test_another_schema_is_refused_with_both(content):
     assert check_schema({"schema": "fuzzyarm/1", "a": 1}, "fuzzyarm/1") == {"schema": "fuzzyarm/1", "a": 1}
-    with pytest.raises(ValueError, match=r"the schema is .*, this version reads 'fuzzyarm/1'"):
+    with pytest.raises(ValueError, match=r"the schema is .*; this version of fuzzyarm reads 'fuzzyarm/1'"):
         check_schema(content, "fuzzyarm/1")

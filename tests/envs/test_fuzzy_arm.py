@@ -318,8 +318,11 @@ BAD_ARGUMENTS = [
     ({"control_period": 1e-4, "substep": 1e-3}, r"substep = 0\.001 s is out of range; allowed: \[1e-08, 0\.0001\] s"),
     ({"case": "drilling"}, "unknown case 'drilling'; choose from: nominal, machining, payload"),
     ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
-    ({"parameters": SLOW, "reference": JointReference()}, r"reference velocity reaches .*allows \(0\.3, 15\.0\) rad/s"),
-    ({"reference": QUICK}, r"reference acceleration reaches .*rad/s².*10000.*raise its duration"),
+    (
+        {"parameters": SLOW, "reference": JointReference()},
+        r"the velocity of the reference reaches .*allows \(0\.3, 15\.0\) rad/s",
+    ),
+    ({"reference": QUICK}, r"the acceleration of the reference reaches .*rad/s².*10000.*raise the duration"),
 ]
 
 
@@ -331,7 +334,7 @@ def test_a_bad_argument_is_named_with_what_is_allowed(arguments, message):
 
 BAD_OPTIONS = [
     ({"wind": 1.0, "inital_state": STILL}, "unknown reset option inital_state, wind; known: initial_state, reference"),
-    ({"reference": LONGER_LINKS}, r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m"),
+    ({"reference": LONGER_LINKS}, r"links of \(0\.6, 0\.5\) m, but the plant has links of \(0\.5, 0\.5\) m"),
     *(
         ({"initial_state": state}, r"initial_state = .* must be 8 finite numbers.*3\.14.*15\.0")
         for state in (STILL[:7], np.full(8, np.nan), STILL - 3.7 * np.eye(8)[2], STILL + 15.1 * np.eye(8)[6])
@@ -388,5 +391,5 @@ def test_what_is_no_array_of_numbers_is_refused_by_name(given, message):
 
 
 def test_a_reference_of_endless_periods_is_refused():
-    with pytest.raises(ValueError, match="1000000000000 control periods of 1e-06 s; allowed: 1000000"):
+    with pytest.raises(ValueError, match="1000000000000 control periods of 1e-06 s; allowed: at most 1000000"):
         FuzzyArmEnv(control_period=1e-6, reference=JointReference(duration=1e6))

@@ -175,11 +175,11 @@ def test_wrappers_and_batches_write_their_specs_too():
 def test_what_cannot_be_made_again_is_not_written(arguments):
     spec = gym.make("FuzzyArm-v0").spec
     spec.kwargs |= arguments
-    with pytest.raises(ValueError, match=r"(Own|object).* cannot be written as JSON: give it to gym"):
+    with pytest.raises(ValueError, match=r"(Own|object).* cannot be written as JSON; make the environment again"):
         spec.to_json()
 
 
 @pytest.mark.parametrize("name", ["physics.robot.os", "physics.robot.DIMENSIONS", "nowhere.Robot", "..cli.main", 3])
 def test_data_name_records_of_the_package_alone(name):
-    with pytest.raises(ValueError, match=rf"the package has no record {name!r}"):
+    with pytest.raises(ValueError, match=rf"the package fuzzyarm has no record {name!r}"):
         gym.make("FuzzyArm-v0", robot={"record": name})

@@ -149,7 +149,7 @@ REFUSED = [
     ({"robot": 7}, TypeError, "robot is int; it must be a name"),
     ({"robot": "ur5", "parameters": ArmParameters()}, ValueError, "give either robot"),
     ({"robot": "missing.toml"}, OSError, "missing.toml"),
-    ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, the plant has 3"),
+    ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, but the plant has 3"),
     (
         {"robot": elsewhere(PLANAR), "reference": short(PLANAR)},
         ValueError,

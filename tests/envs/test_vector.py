@@ -252,10 +252,10 @@ def test_a_bad_argument_is_named_with_its_lane_and_what_is_allowed(arguments, me
 
 
 BAD_OPTIONS = [
-    ({"reset_mask": None}, "reset_mask is NoneType; it must be a numpy array of 3 booleans"),
-    ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a numpy"),
+    ({"reset_mask": None}, "reset_mask is NoneType; it must be a NumPy array of 3 booleans"),
+    ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a NumPy"),
     ({"reset_mask": np.ones(2, dtype=bool)}, r"reset_mask has shape \(2,\); needed: \(3,\)"),
-    ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask names no lane; at least one"),
+    ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask selects no lane; at least one"),
     ({"case": ["nominal", "drilling", "nominal"]}, "^lane 1: unknown case 'drilling'; choose from: nominal, mach"),
     ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),
     ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*[.]Reference"),
@@ -265,7 +265,7 @@ BAD_OPTIONS = [
 BAD_RESETS = [
     *(({"options": options}, message) for options, message in BAD_OPTIONS),
     ({"seed": True}, "seed = True must be a whole number"),
-    ({"seed": range(4)}, "4 seeds for 3 lanes; give one, or one per lane"),
+    ({"seed": range(4)}, "4 seeds were given for 3 lanes; give one, or one per lane"),
     ({"seed": [1, 2, -3]}, r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
 ]
 
@@ -295,8 +295,8 @@ def test_a_bad_action_is_named_with_its_lane_and_moves_none(lanes, bad, threads,
     good = torques(0, 3, lanes)
     wrong = good[0].copy()
     wrong[bad:, 1] = value
-    given = rf"action \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m of lane {bad} is not finite"
-    with pytest.raises(ValueError, match=given + r"; allowed: ±\[500\.0, 250\.0\] N m"):
+    given = rf"lane {bad}: action = \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m is not finite"
+    with pytest.raises(ValueError, match=given + r"; allowed: finite torques, limited to ±\[500\.0, 250\.0\] N m"):
         envs.step(wrong)
     for shaped in (np.zeros(2), np.zeros((lanes + 1, 2)), None):
         with pytest.raises(ValueError, match=rf"actions have shape .*; needed: \({lanes}, 2\), motor torques \[N m\]"):

@@ -74,7 +74,7 @@ def test_a_controller_without_integral_has_four_states(controller):
     assert dataclasses.replace(controller, integral=False, **cut).gains.shape == (2, 2, 2, 4)
     with pytest.raises(ControllerFileError, match=r"gains has shape \(2, 2, 2, 6\); allowed: \(2, 2, 2, 4\)"):
         dataclasses.replace(controller, integral=False)
-    with pytest.raises(ControllerFileError, match="fastest_pole does not go with the paper form"):
+    with pytest.raises(ControllerFileError, match="fastest_pole must not be given with the paper form"):
         dataclasses.replace(Controller.load(CONTROLLERS["paper-1"]), fastest_pole=200.0)
 
 
@@ -92,7 +92,7 @@ def test_a_missing_field_is_named(document, tmp_path):
             Controller.load(write(tmp_path, rest))
     for key in ("fastest_pole", *POLE_ARRAYS):
         rest = {name: value for name, value in document.items() if name != key}
-        with pytest.raises(ControllerFileError, match=r"pole_.* does not go with fastest_pole = "):
+        with pytest.raises(ControllerFileError, match=r"pole_.* must (not )?be given with fastest_pole = "):
             Controller.load(write(tmp_path, rest))
 
 
@@ -107,13 +107,13 @@ def test_a_missing_field_is_named(document, tmp_path):
         ("integral", 1, "integral"),
         ("P", [["0x1p+0"]], "P has shape"),
         ("form", "printed", "consistent, paper"),
-        ("form", "paper", "weight does not go with"),
-        ("feedforward", [["0x1p+0"]], "feedforward does not go with"),
+        ("form", "paper", "weight must be given with the paper form"),
+        ("feedforward", [["0x1p+0"]], "feedforward must not be given with the consistent form"),
         ("origin", "text", "origin|items"),
         ("fastest_pole", None, "hexadecimal"),
         ("fastest_pole", "inf", "fastest_pole = inf 1/s is out of range"),
         ("fastest_pole", (20.0).hex(), r"fastest_pole = 20.0 1/s is out of range; allowed: \(20, 1e\+06\] 1/s"),
-        ("pole_Q", None, "pole_Q does not go with fastest_pole = 200.0"),
+        ("pole_Q", None, "pole_Q must be given with fastest_pole = 200.0"),
         ("pole_tau", [], "pole_tau has shape"),
         ("robot", {"mass": [(19.5).hex(), (9.5).hex()]}, "bounds"),
     ],

@@ -125,7 +125,7 @@ def test_the_stages_find_the_arm_and_say_what_is_not_told(found):
     assert not rows["stiffness[0]"]["told"] and found.arm.stiffness == found.start.stiffness
     told = rows["inertia[0] + motor_inertia[0]"]
     assert told["told"] and told["low"] < told["value"] < told["high"]
-    assert any("not told: springs do not lower" in remark for remark in found.remarks())
+    assert any("not determined: springs do not lower" in remark for remark in found.remarks())
 
 
 def test_what_is_not_told_is_handed_on_as_ranges(found, tmp_path):
@@ -149,7 +149,7 @@ def test_a_joint_that_rests_keeps_the_start_and_a_resting_arm_is_refused(logs):
     rest = Log(4e-3, np.full((500, 2), 0.3), np.full((500, 2), 3.0))
     with pytest.raises(ValueError, match=r"too little excitation: no joint moves .*--suggest"):
         identify(rest, TRUTH)
-    with pytest.raises(ValueError, match="log has 2 joints, but the start has 6"):
+    with pytest.raises(ValueError, match="log has 2 joints, but the arm `start` has 6"):
         identify(rest, robot_named("ur5"))
 
 
@@ -192,7 +192,7 @@ def test_without_friction_the_arm_is_found_and_not_refused():
     found = identify(log, wrong(1.2, free))
     assert found.untold() == () and max(found.arm.coulomb_friction) < 0.02 * np.abs(log.torque).max()
     assert all(row["low"] is None for row in found.rows())
-    assert any("unknown from one log" in remark for remark in found.remarks())
+    assert any("One log does not show" in remark for remark in found.remarks())
 
 
 def test_an_interrupted_search_returns_what_it_has(logs):
@@ -259,7 +259,10 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
         (["--suggest", "motion.csv", "--duration", "1"], "duration = 1.0 s is out of range; allowed: [4, 120] s"),
         (["--suggest", "motion.csv", "--robot", "ur5"], "a robot of 6 joints"),
         (["no.csv"], "no.csv: No such file or directory"),
-        (["no.csv", "--columns", "q1"], "--columns q1 must be pairs such as q1=NAME,q2=NAME, each key once"),
+        (
+            ["no.csv", "--columns", "q1"],
+            "--columns q1 must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with no key twice",
+        ),
     ],
 )
 def test_bad_usage_is_one_line(words, message, tmp_path, capsys, monkeypatch):
@@ -278,7 +281,10 @@ def test_the_command_writes_the_arm_the_picture_and_the_numbers(found, logs, tmp
     assert again.period == pytest.approx(4e-3)
     assert main(["identify", str(path), "--out", str(out), "--figure", str(figure)]) == 0
     printed = capsys.readouterr().out
-    assert all(row["name"] in printed for row in found.rows()) and "Motors alone never tell length, mass" in printed
+    assert (
+        all(row["name"] in printed for row in found.rows())
+        and "The motors' logs cannot determine lengths, masses" in printed
+    )
     assert "held-out error [mrad, rms]" in printed
     assert ArmParameters.from_toml(out) == found.arm and "[ranges]" in out.read_text()
     assert figure.read_bytes().startswith(b"\x89PNG")

@@ -185,7 +185,7 @@ def test_the_folder_of_another_arm_is_refused(folder):
         ({"observer": {"a\nb": 1.0}}, "are missing or unknown"),
         ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),
         ({"policies": ["../fuzzy-4"]}, "must be the name of a policy"),
-        ({"schema": "fuzzyarm-tuned/0"}, "this version reads"),
+        ({"schema": "fuzzyarm-tuned/0"}, "this version of fuzzyarm reads"),
     ],
 )
 def test_damaged_laws_are_refused_in_one_line(folder, change, message):

@@ -85,7 +85,7 @@ def test_a_factory_is_given_what_it_names(module, factory, definition, taken):
 @pytest.mark.parametrize(
     ("source", "name", "expected"),
     [
-        ("", "my_other:factory", "No module named 'my_other'; it is neither in"),
+        ("", "my_other:factory", "No module named 'my_other'; this module is neither in"),
         ("", "my_law.deep:factory", "No module named 'my_law.deep'; 'my_law' is not a package"),
         ("\n1 / 0", "my_law:factory", "ing my_law failed: ZeroDivisionError: division by zero (my_law.py, line 2)"),
         ("import sys; sys.exit(3)", "my_law:factory", "importing my_law failed: SystemExit: 3"),

@@ -140,7 +140,7 @@ def test_a_crafted_archive_is_refused(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, data = tmp_path / "checkpoint.pt", ARCHIVES[name]()
     path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
-    refused(path, "holds something else than tensors, numbers and text: .*; start the training again")
+    refused(path, "holds something other than tensors, numbers and text: .*; start the training again")
     assert not (tmp_path / "run-by-pickle").exists()
 
 

@@ -331,7 +331,10 @@ def test_compiled_is_eager(device):
         ({"case": "drilling"}, "unknown case 'drilling'"),
         ({"case": "payload", "disturbance": Disturbance()}, "not both"),
         ({"reference": JointReference(), "randomisation": "robust"}, "not both"),
-        ({"parameters": ArmParameters(length=(0.6, 0.5)), "reference": JointReference()}, "build it with parameters"),
+        (
+            {"parameters": ArmParameters(length=(0.6, 0.5)), "reference": JointReference()},
+            "build the reference with the plant's `parameters`",
+        ),
         ({"substep": 3e-4}, "is not a multiple of substep"),
         ({"randomisation": "some"}, "unknown randomisation 'some'"),
     ],

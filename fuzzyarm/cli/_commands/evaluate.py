@@ -150,7 +150,7 @@ def _repeat(options: Options, recorded: Path) -> int:
     for field in fields(options):
         if field.name not in ("check", "policies") and getattr(options, field.name) != field.default:
             option = option_name(field.name)
-            raise UsageError(f"--check repeats what the file says and writes nothing: leave out --{option}")
+            raise UsageError(f"--check repeats the evaluation of its file and writes nothing: leave out --{option}")
     results = read_results(recorded)
     with progress("episodes", len(results.rows)) as advance:
         found = recheck_results(results, options.policies or (), advance)

@@ -85,8 +85,8 @@ class Options:
             return _identify(self, arm)
         if not isinstance(arm, ArmParameters):
             raise UsageError(
-                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; --suggest allows two-joint "
-                "arms given as ArmParameters"
+                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; --suggest supports only "
+                "two-joint arms (fuzzyarm.envs.physics.parameters.ArmParameters)"
             )
         return _suggest(self, arm)
 
@@ -118,7 +118,7 @@ def _pairs(option: str, text: str | None) -> dict[str, str]:
     pairs = [pair.partition("=") for pair in text.split(",")] if text is not None else []
     found = {key.strip(): value.strip() for key, _, value in pairs}
     if len(found) < len(pairs) or not all(key and value for key, value in found.items()):
-        raise UsageError(f"{option} {text} must be pairs such as q1=NAME,q2=NAME, each key once")
+        raise UsageError(f"{option} {text} must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with no key twice")
     return found
 
 
@@ -127,14 +127,14 @@ def _logs(options: Options) -> list[Log]:
     from fuzzyarm.identification.reading import read_log
 
     if len({path.resolve() for path in options.log}) < len(options.log):
-        raise UsageError("a LOG is given twice; each may be given once")
+        raise UsageError("a LOG is given twice; give each LOG once")
     columns, units = _pairs("--columns", options.columns), _pairs("--units", options.units)
     logs: list[Log] = []
     for path in options.log:
         logs += read_log(path, columns=columns, units=units, gear=options.gear, delay=options.delay)
         joints, first = logs[-1].angle.shape[1], logs[0].angle.shape[1]
         if joints != first:
-            raise ValueError(f"{path} has {joints} joints, {options.log[0]} has {first}; give logs of one arm")
+            raise ValueError(f"{path} has {joints} joints, but {options.log[0]} has {first}; give logs of one arm")
     return logs
 
 
@@ -151,8 +151,8 @@ def _identify(options: Options, start: AnyArm) -> int:
     joints, needed = logs[0].angle.shape[1], len(robot_of(start))
     if joints != needed:
         raise ValueError(
-            f"{options.log[0]}: it is the log of {joints} joints; the arm of --robot has {needed}. Choose joints with "
-            "--columns q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or another arm"
+            f"{options.log[0]} has {joints} joints, but the arm of --robot has {needed}. Choose joints with --columns "
+            "q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or give another arm"
         )
     if isinstance(start, ArmParameters):
         from fuzzyarm.identification.conventions import diagnosed
@@ -162,21 +162,22 @@ def _identify(options: Options, start: AnyArm) -> int:
         conventions = {"conventions": _document(doubt, options.apply)}
         if doubt.doubtful:
             said.append(
-                f"conventions: {doubt.sentence()}. " + ("Read so" if options.apply else "--apply reads them so")
+                f"conventions: {doubt.sentence()}. "
+                + ("The logs are read so" if options.apply else "--apply reads the logs so")
             )
         elif options.apply:
             said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:
-        raise UsageError("--apply and --stribeck are for two-joint arms given as ArmParameters; leave them out")
+        raise UsageError("--apply and --stribeck are for the two-joint arm only, not for robots; leave them out")
     try:
         with progress("steps", None) as advance:
             found = identify(logs, start, advance, stribeck=options.stribeck)
     except ValueError as error:
         if doubt is None or not doubt.doubtful or options.apply:
             raise
-        raise ValueError(f"{error}. But {doubt.sentence()}: --apply uses this reading") from None
+        raise ValueError(f"{error}. But {doubt.sentence()}; --apply uses this reading") from None
     if options.out is not None:
         write_atomically(options.out, found.to_toml())
     if options.figure is not None:
@@ -198,7 +199,7 @@ def _print(found: Identified) -> None:
     cells, console = [], output()
     for row in found.rows():
         known = row["low"] is not None
-        width = f"{row['low']:.4g} to {row['high']:.4g}" if known else "unknown" if row["told"] else "not told"
+        width = f"{row['low']:.4g} to {row['high']:.4g}" if known else "unknown" if row["told"] else "not determined"
         cells.append((row["name"], row["unit"], f"{row['start']:.6g}", f"{row['value']:.6g}", width))
     Sheet(["parameter", "unit", "start", "found", "95 % interval"], cells, left=(0, 1)).print(console)
     errors = [(name, *(f"{error:.3g}" for error in held)) for name, held in found.held_out.items()]

@@ -100,7 +100,7 @@ def _claim(options: Options) -> TipClaim:
     plants = find_set(options.set)
     arm = None if options.robot is None else chosen_arm(options.robot, None)
     if not isinstance(arm, ArmParameters | None):
-        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; only two-joint arms have bounds")
+        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; bounds are available only for two-joint arms")
     points = GivenPath.read(Path(options.path)) if Path(options.path).suffix in ENDINGS else None
     path = options.path if points is None else "circle"
     duration = options.duration

@@ -60,7 +60,7 @@ class Options:
             _ask(self.model, error)
             return 1
         if self.out is None and out.exists():
-            raise UsageError(f"{out} exists; say with --out FILE where to write")
+            raise UsageError(f"{out} already exists; choose another file with --out FILE")
         write_atomically(out, robot.to_toml())
         say("\n".join(robot.assumptions))
         say(f"{_NOT_MODELLED}\n{len(robot)} joints, written to {out}")

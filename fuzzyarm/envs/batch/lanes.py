@@ -39,8 +39,8 @@ def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
     for name, own in like.items():
         given = state.get(name)
         if not isinstance(given, np.ndarray) or given.dtype != own.dtype or given.shape != own.shape:
-            found = f"{given.dtype} {given.shape}" if isinstance(given, np.ndarray) else checks.shown(given)
-            raise ValueError(f"state[{name!r}] is {found}; needed: an array {own.dtype} {own.shape}")
+            found = f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else checks.shown(given)
+            raise ValueError(f"state[{name!r}] is {found}; needed: an array of {own.dtype} of shape {own.shape}")
         if given.dtype.kind == "f" and not np.isfinite(given).all():
             raise ValueError(f"state[{name!r}] holds numbers that are not finite")
         arrays[name] = np.array(given, order="C")
@@ -194,7 +194,7 @@ class Lanes:
             bad = int(np.argmin(np.isfinite(action).all(axis=1)))
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(
-                f"action = {found} N m of lane {bad} is not finite; allowed: finite torques, limited to ±{limit} N m"
+                f"lane {bad}: action = {found} N m is not finite; allowed: finite torques, limited to ±{limit} N m"
             )
         room = self._memory.room()
         self._workers.run(self._step_in(room, action))
@@ -247,8 +247,8 @@ class Lanes:
         visiting = self._assigned.visiting()
         if len(visiting):
             raise ValueError(
-                f"lane {visiting[0]} is in a scenario chosen by reset options, which the state does not contain; reset "
-                "without options first"
+                f"lane {visiting[0]} is in a scenario that was chosen by reset options, and a state does not contain "
+                "scenarios; reset the lane without options before get_state"
             )
         return {
             "values": by_rows(self.values, self.count),
@@ -297,13 +297,14 @@ class Lanes:
             begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
             raise ValueError(
                 f"state['clock'] places lane {lane} at row {row[lane]} of the schedule rows {first[lane]} to "
-                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}"
+                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}. Give an "
+                "unchanged state of get_state"
             )
         if not np.array_equal(arrays["drawn"], drawn):
-            raise ValueError("state['drawn'] differs from what the keys of its episodes draw")
+            raise ValueError("state['drawn'] differs from what the state's keys draw; give a state of get_state")
         changing = size(self.physics.State)
         if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
-            raise ValueError("state['values'] differs from the arms that the keys of its episodes draw")
+            raise ValueError("state['values'] differs from the arms of the state's keys; give a state of get_state")
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""

@@ -95,7 +95,7 @@ class Schedule:
         if steps > MOST_STEPS:
             raise ValueError(
                 f"a reference of {reference.duration:g} s has {steps} control periods of {control_period:g} s; "
-                f"allowed: {MOST_STEPS}. Shorten the reference or lengthen the period"
+                f"allowed: at most {MOST_STEPS}. Shorten the reference or lengthen the control period"
             )
         times, joints = control_period * np.arange(steps + 1), reference.joints
         sample, kind = reference.sample(times), row_record(joints, axes)
@@ -122,7 +122,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
     if force.shape != (len(times), axes):
         # Compiled code checks no bounds.
         raise ValueError(
-            f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, {axes})"
+            f"tip_force.at returned shape {force.shape} for {len(times)} times; needed: ({len(times)}, {axes})"
         )
     force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
     samples, lever = np.reshape(force, (len(starts), _FORCE_SAMPLES, axes)), shares - 0.5

@@ -64,7 +64,9 @@ class _Model:
             raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {listed(known)}")
         self.chain = [joint for joint in spec.joints if joint.name not in fixed]
         if not self.chain:
-            raise ValueError("the model has no joint that moves")
+            raise ValueError(
+                "the model has no joint that moves, except in `fixed`; give a model with one, or fix fewer"
+            )
         if not all(joint.name for joint in self.chain):
             raise ValueError("a joint has no name; give each joint of the model one")
         self.parts = {joint.name: list(self._carried(joint.parent)) for joint in self.chain}  # bodies of each joint
@@ -221,7 +223,10 @@ class _Model:
         if body < 0:
             raise ValueError(f"tip = {shown(name)} is not a link or site of the model; give one, or a point [x, y, z]")
         if self._carrier(body) != self.links[-1]:
-            raise ValueError(f"tip = {shown(name)} does not move with the last joint, {self.joints[-1]}")
+            raise ValueError(
+                f"tip = {shown(name)} does not move with the last joint, {self.joints[-1]}; give a link or site that "
+                "does, or a point [x, y, z]"
+            )
         point: np.ndarray = self.data.site_xpos[site] if site >= 0 else self.data.xpos[body]
         return point
 
@@ -261,7 +266,7 @@ class _Model:
         """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
-                f"it has no drive, and the format has no joint stiffness: add [joints.{name}] to the overlay"
+                f"it has no drive, and the model's format has no joint stiffness: add [joints.{name}] to the overlay"
             )
         values, differs = self._stated(name, number)
         given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}
@@ -313,7 +318,7 @@ def _text(path: Path) -> str:
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:
-        raise ValueError(f"it has an element <{found[1]}>, which is not supported; merge the files into one")
+        raise ValueError(f"its <{found[1]}> refers to another file, which is not supported; merge the files into one")
     return text
 
 

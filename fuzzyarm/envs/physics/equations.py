@@ -131,7 +131,7 @@ def common_equations(arms: Sequence[AnyArm]) -> Physics:
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
         same = "joint axes, joint rotations, and which of their other numbers are zero"
-        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
+        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each structure")
     return first
 
 

@@ -74,8 +74,8 @@ def integrate(
     while time < stop:
         if events > _MAX_EVENTS:
             raise RuntimeError(
-                f"the motors stopped or broke loose more than {_MAX_EVENTS} times before t = {time!r} s; state {y}. "
-                "Give a shorter duration or a smoother torque"
+                f"the motors stopped or broke loose more than {_MAX_EVENTS} times before t = {time!r} s, state "
+                f"{y.tolist()}. Give a shorter duration or a smoother torque"
             )
         solution = solve_ivp(
             functools.partial(plant.derivative, tuple(modes)),
@@ -90,7 +90,7 @@ def integrate(
         )
         time, y = float(solution.t[-1]), solution.y[:, -1]
         if not solution.success:
-            raise RuntimeError(f"{solution.message} at t = {time!r} s, state {y}")
+            raise RuntimeError(f"the integration failed at t = {time!r} s, state {y.tolist()}: {solution.message}")
         for joint, times in enumerate(solution.t_events or ()):
             if times.size:
                 events += 1

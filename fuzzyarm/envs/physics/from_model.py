@@ -71,7 +71,7 @@ def completed(
     numbers, assumed = {name: dict(own) for name, own in (given or {}).items()}, list[str]()
     for name in numbers:
         if name not in tree.joints:
-            raise ValueError(f"{shown(name)} is no joint of {path} that moves; those are: {', '.join(tree.joints)}")
+            raise ValueError(f"{shown(name)} is not a moving joint of {path}; choose from: {', '.join(tree.joints)}")
     lacking: dict[str, list[str]] = {}
     for name, number in zip(tree.joints, tree.numbers, strict=True):
         own = numbers.setdefault(name, {})

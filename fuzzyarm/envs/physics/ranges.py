@@ -64,7 +64,7 @@ class Ranges:
             if len(ranges) != len(values):
                 raise ValueError(f"ranges: {name} has {len(ranges)} ranges; the arm has {len(values)} joints")
             for joint, ((low, high), value) in enumerate(zip(ranges, values, strict=True)):
-                checks.real(f"{name}[{joint}]", value, f"{_UNITS[name]} within its range", low=low, high=high)
+                checks.real(f"ranges: {name}[{joint}] of the arm", value, _UNITS[name], low=low, high=high)
         found = {}
         for ends in itertools.product((0, 1), repeat=len(given)) if given else ():
             words = ", ".join(f"{name} {('low', 'high')[end]}" for name, end in zip(given, ends, strict=True))
@@ -75,7 +75,7 @@ class Ranges:
             try:
                 found[words] = arm.with_drives(**drives)
             except ValueError as error:
-                raise ValueError(f"ranges: no arm has {words}: {error}") from None
+                raise ValueError(f"ranges: no arm can have {words}: {error}") from None
         return found
 
     def to_toml(self) -> str:

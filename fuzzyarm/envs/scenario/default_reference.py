@@ -106,8 +106,8 @@ def _fitted(robot: Robot, name: str) -> TipReference:
         except ValueError as error:
             reason = error
     raise ValueError(
-        f"{robot.name} cannot follow a {name} at its home posture; give a reference=, or other limits of its joints "
-        f"(joint_limit, velocity_limit, torque_limit): {reason}"
+        f"{robot.name} cannot follow a {name} at its home posture; give a `reference`, or change the limits of its "
+        f"joints (joint_limit, velocity_limit, torque_limit). The reason: {reason}"
     )
 
 
@@ -151,8 +151,8 @@ def _shortest(slow: Reference, robot: Robot) -> float:
     if held.max() > _SHARE:
         joint = robot.joints[int(np.argmax(held))].name
         raise ValueError(
-            f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} "
-            f"to hold its weight; allowed: {100.0 * _SHARE:g} %. Raise the torque_limit, or give a reference="
+            f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} to hold its weight; "
+            f"allowed: {100.0 * _SHARE:g} %. Raise torque_limit, or give a `reference`"
         )
     for number in range(round(_SHORTEST / _STEP), round(LONGEST / _STEP) + 1):
         duration = number * _STEP
@@ -162,7 +162,7 @@ def _shortest(slow: Reference, robot: Robot) -> float:
             return round(duration, 1)
     raise ValueError(
         f"{robot.name} needs more than half of a torque or velocity limit even if the path takes {LONGEST:g} s: raise "
-        "torque_limit or velocity_limit, or give a reference="
+        "torque_limit or velocity_limit, or give a `reference`"
     )
 
 
@@ -213,7 +213,8 @@ def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
             return SplineReference(slow.waypoints, duration, robot)
         duration *= _SLOWER
     raise ValueError(
-        f"the motors of {robot.name} are too weak to move it about its home: raise torque_limit, or give a reference="
+        f"the motors of {robot.name} are too weak to move it about its home posture within {LONGEST:g} s: raise "
+        "torque_limit, or give a `reference`"
     )
 
 

@@ -132,11 +132,11 @@ class Disturbance:
         for name, kind in (("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
             part = getattr(self, name)
             if not isinstance(part, kind | None):
-                raise ValueError(f"Disturbance.{name} = {checks.shown(part)} must be of type {kind.__name__}")
+                raise ValueError(f"Disturbance.{name} = {checks.shown(part)} must be a {__name__}.{kind.__name__}")
         if not (hasattr(self.payload, "mass") and hasattr(self.payload, "radius")):
             raise ValueError(
-                f"Disturbance.payload = {checks.shown(self.payload)} must have mass and radius(parameters), as "
-                "Payload has"
+                f"Disturbance.payload = {checks.shown(self.payload)} must have an attribute mass and a method "
+                "radius(parameters), like Payload"
             )
         if self.tip_force is not None and not hasattr(self.tip_force, "at"):
             raise ValueError(

@@ -85,7 +85,7 @@ class GivenPath:
                 )
             points.append(tuple(map(float, cells)))
         if len(points) > MOST_WAYPOINTS:
-            raise ValueError(f"{len(points)} points; allowed: at most {MOST_WAYPOINTS}")
+            raise ValueError(f"the file has {len(points)} points; allowed: at most {MOST_WAYPOINTS}")
         checked = [any_point(f"point {number}", point) for number, point in enumerate(points, start=1)]
         closed = len(checked) > 2 and checked[0] == checked[-1]
         return cls(tuple(checked[:-1] if closed else checked), closed)
@@ -142,5 +142,5 @@ def _check_reach(curve: Spline, robot: Robot) -> None:
         where = ", ".join(f"{number:.4g}" for number in points[k].tolist())
         raise ValueError(
             f"point ({where}) m is {distance[k]:.4g} m from the base; allowed: {low:.4g} to {high:.4g} m, the reach of "
-            f"the arm: move the points by {outside[k]:.2g} m or more, or choose a path by name, placed for the arm"
+            f"the arm: move the points by {outside[k]:.2g} m or more, or choose a path by name, which suits the arm"
         )

@@ -325,14 +325,14 @@ class Placed:
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, TipPath):
-            raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 2)")
+            raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) returning shape (..., 2)")
         size = 2 if checks.is_sequence(self.origin, 2) else 3
         checks.keep(self, "origin", any_point("origin", self.origin, size))
         axes = np.array([any_point(name, getattr(self, name), size) for name in ("first", "second")])
         if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
             raise ValueError(
                 f"first = {self.first} and second = {self.second} must be unit vectors at right angles; their lengths "
-                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their product "
+                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their scalar product is "
                 f"{axes[0] @ axes[1]:.3g}"
             )
 

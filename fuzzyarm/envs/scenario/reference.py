@@ -147,8 +147,8 @@ class PathReference(Reference):
         """Check a path of `size` coordinates and the duration; return instants (k,) [s] at which to check it."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
-                f"path = {checks.shown(self.path)} must have a method points(s) with points (..., {size}), see "
-                "fuzzyarm.envs.scenario.paths.TipPath"
+                f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., "
+                f"{size}), see fuzzyarm.envs.scenario.paths.TipPath"
             )
         checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
@@ -253,7 +253,7 @@ def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
     """Raise unless a path gives three arrays of points of `size` numbers, as `TipPath` says."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
-        raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: arrays of p, dp/ds and d²p/ds²")
+        raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: three NumPy arrays p, dp/ds, d²p/ds²")
     for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
         if part.shape != (*s.shape, size):
             found = f"{name} of shape {part.shape} for s of shape {s.shape}"
@@ -298,9 +298,9 @@ def check_limits(
     if beyond[k, joint] > 0.0:
         first = int(np.argmax(beyond[:, joint] > 0.0))
         raise ValueError(
-            f"{names[joint]} leaves its range at t = {t[first]:.4g} s, and by {beyond[k, joint]:.3g} rad at t = "
-            f"{t[k]:.4g} s, where it is {motion.q[k, joint]:.6g} rad; allowed: [{low[joint]:.6g}, {high[joint]:.6g}] "
-            f"rad. {advice}"
+            f"{names[joint]} leaves its range at t = {t[first]:.4g} s and is farthest outside at t = {t[k]:.4g} s: "
+            f"{motion.q[k, joint]:.6g} rad, by {beyond[k, joint]:.3g} rad; allowed: [{low[joint]:.6g}, "
+            f"{high[joint]:.6g}] rad. {advice}"
         )
     share = np.abs(motion.dq) / speed
     k, joint = map(int, np.unravel_index(np.argmax(share), share.shape))

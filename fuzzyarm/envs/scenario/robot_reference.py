@@ -124,7 +124,7 @@ class TipReference(PathReference):
         self._check_plane(t, self.tip(t).position)
         motion = self.sample(t)
         self._check_sharpness(t, motion.q)
-        _check_limits(self.robot, t, motion, "Move or shrink the path, or start from another posture=")
+        _check_limits(self.robot, t, motion, "Move or shrink the path, or start from another `posture`")
 
     @property
     def keeps_orientation(self) -> bool:
@@ -159,10 +159,10 @@ class TipReference(PathReference):
             shortest = float(np.linalg.norm(point - self.robot.arrays.position[0]))
             raise ValueError(
                 f"the path starts out of reach: point {_shown(point)} m is {shortest:.6g} m from the first joint of "
-                f"{self.robot.name}, whose links are {reach(self.robot):.6g} m long; from posture = "
-                f"{_shown(near)} rad the tip comes within {np.linalg.norm(frames(self.robot, q).tip - point):.3g} m"
-                f"{' with the orientation kept' if self.keeps_orientation else ''}. Move the path, start from another "
-                f"posture={self._or_free}"
+                f"{self.robot.name}, whose links are {reach(self.robot):.6g} m long in total; from posture = "
+                f"{_shown(near)} rad the tip comes within {np.linalg.norm(frames(self.robot, q).tip - point):.3g} m of "
+                f"it{' with the orientation kept' if self.keeps_orientation else ''}. Move the path, or start from "
+                f"another `posture`{self._or_free}"
             )
         return TipTask(self.robot, q, self.keeps_orientation)
 
@@ -176,7 +176,7 @@ class TipReference(PathReference):
         for k in range(1, len(_STEPS)):
             step = (_STEPS[k] - _STEPS[k - 1]) * slopes[-1]
             if not np.abs(step).max() <= _LONGEST_STEP:
-                raise self._lost(k - 1, postures[-1], f"there {self._joint(step)} would have to turn without end")
+                raise self._lost(k - 1, postures[-1], f"there {self._joint(step)} would have to turn too far at once")
             postures.append(self._corrected(k, postures[-1], step, points[k]))
             slopes.append(self._slope(postures[-1], tangents[k]))
         coarse = CubicHermiteSpline(_STEPS, np.array(postures), np.array(slopes))
@@ -210,13 +210,13 @@ class TipReference(PathReference):
         sharp = float(self._task.sharpness(frames(self.robot, q)))
         return ValueError(
             f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
-            f"value {sharp:.2g}). Move or shrink the path, start from another posture={self._or_free}"
+            f"value {sharp:.2g}). Move or shrink the path, or start from another `posture`{self._or_free}"
         )
 
     @property
     def _or_free(self) -> str:
         """The last advice of a message, where the orientation can be left free."""
-        return ", or let orientation be free" if self.keeps_orientation else ""
+        return "; or let the orientation be free (orientation='free')" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
         """Raise if the path leaves the plane in which the tip of a planar robot moves."""
@@ -237,9 +237,9 @@ class TipReference(PathReference):
             _, _, directions = np.linalg.svd(self._task.matrix(Frames(*(part[k] for part in now))))
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
-                f"the smallest singular value is {sharp[k]:.2g}, allowed: {_SHARPEST} or more; there "
-                f"{self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, start from "
-                f"another posture={self._or_free}"
+                f"the smallest singular value is {sharp[k]:.2g}; allowed: {_SHARPEST} or more. There "
+                f"{self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, or start "
+                f"from another `posture`{self._or_free}"
             )
 
     def _joint(self, motion: np.ndarray) -> str:

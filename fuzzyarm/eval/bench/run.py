@@ -194,7 +194,7 @@ def _memory_per_lane() -> float:
 def _reason(error: Exception, extra: str) -> str:
     """Return one line on why an entry was not measured, and which optional dependencies would help."""
     if isinstance(error, ModuleNotFoundError):
-        return f'{error.name} is not installed: pip install -c constraints.txt -e ".[{extra}]" in the repository'
+        return f'{error.name} is not installed; run in the repository: pip install -c constraints.txt -e ".[{extra}]"'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 
 

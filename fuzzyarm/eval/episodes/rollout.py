@@ -173,7 +173,7 @@ def run_episode(
     if isinstance(policy, str | os.PathLike | Controller | ScheduledController):
         policy = load_policy(policy, control_period=control_period, robot=robot)
     if not hasattr(policy, "predict"):
-        raise TypeError(f"policy = {shown(policy)} must be a name, a controller or an object with predict")
+        raise TypeError(f"policy = {shown(policy)} must be a name, a controller or an object with a method predict")
     return record_rollout(env, policy, policy_name=name, case=case, seed=seed)
 
 

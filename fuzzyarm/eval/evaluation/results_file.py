@@ -131,8 +131,9 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
     labels = [resolve(name).label for name in config.policies]
     if "fuzzyarm" not in read.versions:
         raise KeyError("fuzzyarm")
-    if len(rows) != len(labels) * len(config.cases) * config.seeds:
-        raise ValueError(f"it has {len(rows)} rows; it must have exactly one for each policy, case and seed")
+    needed = len(labels) * len(config.cases) * config.seeds
+    if len(rows) != needed:
+        raise ValueError(f"it has {len(rows)} rows; needed: {needed}, one for each policy, case and seed")
     planned = [(case, name, seed) for case in config.cases for name in labels for seed in range(config.seeds)]
     for row, episode in zip(rows, planned, strict=True):
         _check_row(row, episode)
@@ -158,7 +159,7 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
         raise ValueError(f"a row lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)
     if identity != episode:
-        raise ValueError(f"its rows are out of order: expected that of {episode}, found {identity}")
+        raise ValueError(f"its rows are out of order: expected the row of {episode}, found that of {identity}")
     truth("completed", row["completed"])
     for name, value in row.items():
         if name in ("reason", "note"):

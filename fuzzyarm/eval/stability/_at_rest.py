@@ -31,11 +31,11 @@ def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) 
             raise ValueError("it holds each action for several control periods; use fuzzyarm margins")
         radius = largest_radius(linearise_path(policy, arm, period))
     except (AttributeError, TypeError, ValueError) as error:
-        reason = f"whether its loop is stable on this arm was not found: {' '.join(str(error).split())}"
+        reason = f"it is unknown whether its loop is stable on this arm: {' '.join(str(error).split())}"
         return f"{name}: {limited}{reason}" if limited else None
     measured = f"spectral radius {radius:.3g} at rest, see fuzzyarm margins"
     if radius > 1.0 + _GROWTH:
         return f"{name}: {limited}its loop is unstable on this arm ({measured})"
     if limited:
-        return f"{name}: {limited}its loop is stable ({measured}), the motion asks for more torque than there is"
+        return f"{name}: {limited}its loop is stable ({measured}), but the motion asks for more torque than there is"
     return None

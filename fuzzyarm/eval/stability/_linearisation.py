@@ -194,8 +194,8 @@ def _linearise(arm: _FrozenArm, posture: np.ndarray) -> LocalLoop:
     if np.any(np.abs(loop.torque) + _PLANT_STEP * slope >= arm.limit):
         limit = tuple(arm.limit.tolist())
         raise ValueError(
-            f"posture {posture} rad needs {loop.torque} N m of {limit} N m: the loop cannot be linearised at a "
-            "torque limit"
+            f"posture {posture} rad needs the torques {loop.torque} N m, which are too near the torque limits {limit} "
+            "N m: at a limit, the loop cannot be linearised"
         )
     return loop
 
@@ -312,7 +312,8 @@ class _FrozenArm:
         torque, memory = self.policy.predict(observation, state=memory, deterministic=True)
         if torque.dtype != np.float64 or not isinstance(memory, np.ndarray | None):
             raise TypeError(
-                f"torque is {torque.dtype}, state is {type(memory).__name__}; needed: float64, and an array or None"
+                f"the torque is {torque.dtype} and the state of type {type(memory).__name__}; needed: a float64 "
+                "torque, and a NumPy array or None as state"
             )
         return torque if memory is None else np.hstack([torque, memory])
 

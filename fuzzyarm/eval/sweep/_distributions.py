@@ -101,7 +101,7 @@ class Distribution(DomainRandomisation):
         interval("noise", self.noise, low=0.0, high=1e6)
         first, last = interval("delay", self.delay, low=0.0, high=100.0)
         if not (first.is_integer() and last.is_integer()):
-            raise ValueError(f"delay from {first:g} to {last:g} must be whole numbers of control periods")
+            raise ValueError(f"delay = ({first:g}, {last:g}) must be two whole numbers of control periods")
 
     def quantities(self) -> dict[str, Range]:
         """Return the ranges by the names of `QUANTITIES`."""

@@ -134,7 +134,7 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
         raise ValueError(f"plant {member} is not in the sweep; allowed: 0 to {config.total - 1}")
     if policy not in policies or case not in config.cases:
         raise ValueError(
-            f"policy {policy!r} in case {case!r} is not in the sweep; choose from: {', '.join(policies)}; "
+            f"policy {policy!r} in case {case!r} is not in the sweep; its policies: {', '.join(policies)}; its cases: "
             f"{', '.join(config.cases)}"
         )
     plants = Plants(config, [member], [case])

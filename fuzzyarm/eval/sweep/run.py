@@ -81,7 +81,7 @@ class Sweep:
             raise ValueError(f"{folder} already holds a sweep: continue it with --resume, or choose another --out")
         if any(folder.glob("chunks/[!.]*")):
             raise ValueError(
-                f"{folder / 'chunks'} holds results of a sweep whose {_RUN} is missing: remove chunks, or choose "
+                f"{folder / 'chunks'} holds results of a sweep whose {_RUN} is missing: remove this folder, or choose "
                 "another --out"
             )
         specs = resolve_all(config.policies, run_code=True)
@@ -119,8 +119,8 @@ class Sweep:
         others = unrelated(f"{path} names code", config.policies, named)
         if others and [resolve(name).label for name in named] != config.labels:
             raise ValueError(
-                f"{folder} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
-                "choose another --out"
+                f"{folder} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: resume "
+                "it with its own policies, or choose another --out"
             )
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
         if changed := _difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
@@ -166,7 +166,7 @@ class Sweep:
         """Return the results of the whole sweep; ValueError if a chunk is missing or damaged."""
         done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
         if missing := self.config.chunks - len(done):
-            raise ValueError(f"{self.folder} has no results of {missing} chunks: --resume runs them")
+            raise ValueError(f"{self.folder} lacks the results of {missing} chunks: run these with --resume")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:

@@ -162,7 +162,8 @@ def _feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
             kept.append(reference)
     if not kept:
         raise ValueError(
-            "the motors are too weak for the heaviest load on any of the reference paths; raise torque_limit"
+            "the motors are too weak to carry the heaviest load along even one of the reference paths; raise "
+            "torque_limit"
         )
     return tuple(kept)
 

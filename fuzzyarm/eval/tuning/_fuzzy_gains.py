@@ -80,10 +80,10 @@ def find_gains(context: Context) -> Found:
         equals = _equals_of([one for one in made if one is not None])
         if equals:
             break
-        notes.append(f"No design with alpha = {alpha:g} 1/s bears what is asked on the sampled elastic arm.")
+        notes.append(f"No design with alpha = {alpha:g} 1/s meets the requirements on the sampled elastic arm.")
     else:
-        way = "fuzzyarm design asks for less, and names the number of the arm that is in the way"
-        return nothing(f"No design bears what is asked, down to alpha = {alpha:g} 1/s: {way}.", tried)
+        way = "fuzzyarm design requires less, and names the parameter of the arm that is in the way"
+        return nothing(f"No design meets the requirements, down to alpha = {alpha:g} 1/s: {way}.", tried)
     best = equals[0]
     controller = design(best.wanted, arm).controller
     controller.save(context.folder / f"{FUZZY}.json")

@@ -76,7 +76,7 @@ def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
         )
     if any(folder.iterdir()):
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
-        way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
+        way = "add --resume to go on with its tuning, or choose another folder" if tuned else "choose another folder"
         raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
     _check_strength(arm)
     write_atomically(folder / IN_FOLDER, arm.to_toml() + (ranges or Ranges()).to_toml())
@@ -100,7 +100,8 @@ def _check_strength(arm: AnyArm) -> None:
     if share[joint] >= 1.0:
         raise ValueError(
             f"the arm cannot hold itself: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m against "
-            f"gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or lengths"
+            f"gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or "
+            "lengths"
         )
 
 

@@ -253,7 +253,7 @@ class Affine:
         """Return floats that enclose the number from both sides; `NoBound` if it is unbounded."""
         radius = self.reach() + self.rest
         if not abs(self.middle) + radius < math.inf:
-            raise NoBound("a number inside the law has no bound")
+            raise NoBound("a number inside the law has no finite bound")
         if radius > 0.0:
             radius = radius * _UP + _ROUND * abs(self.middle)
         return self.middle - radius, self.middle + radius

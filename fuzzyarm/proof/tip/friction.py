@@ -115,7 +115,7 @@ def check_curve(arm: Arm) -> None:
         rest = curve.series(arb(0))
         fits = rest[0].overlaps(curve.static) and rest[1] <= 0
         if not (fits and all(curve.meets(*each) for each in curve.conditions())):
-            raise NoBound(f"the friction of motor {joint + 1} does not match the parameters of its curve: {STRIBECK}")
+            raise NoBound(f"the friction of motor {joint + 1} does not match the Stribeck curve of its parameters")
 
 
 class Plan(enum.Enum):
@@ -292,5 +292,5 @@ class PlanFails(ValueError):
     """The tube contradicts the plan of the motor `joint`."""
 
     def __init__(self, joint: int) -> None:
-        super().__init__(f"the plan of motor {joint + 1} fails")
+        super().__init__(f"the tube contradicts the friction plan of motor {joint + 1}")
         self.joint = joint

@@ -142,7 +142,9 @@ class Period:
                 break
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
-        raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
+        raise NoBound(
+            f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with the tube"
+        )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
         """Return two bounds (2,) [N m] of the uncertain constants' torques on each motor, for a claimed tube.

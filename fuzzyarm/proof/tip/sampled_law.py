@@ -60,7 +60,7 @@ class SampledLaw:
         law = law_of(policy)
         if law is None:
             raise NoBound(
-                f"there is no bound for {shown(type(policy).__name__)}, which is not a law; choose a fuzzy policy or "
+                f"there is no bound for {shown(type(policy).__name__)}, which has no `Law`; choose a fuzzy policy or "
                 "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
             )
         self._law, self._references = law, references

@@ -322,8 +322,8 @@ class Tube:
         for joint, limit in enumerate(self.problem.parameters.torque_limit):
             if not abs(torque[joint]) + radius[joint] < limit:
                 raise NoBound(
-                    f"motor {joint + 1} may reach its limit of {limit:g} N m: "
-                    f"|{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
+                    f"motor {joint + 1} may reach its torque limit of {limit:g} N m: its torque is {torque[joint]:.4g} "
+                    f"± {radius[joint]:.3g} N m"
                 )
         return torque
 

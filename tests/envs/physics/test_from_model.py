@@ -68,7 +68,7 @@ def test_a_command_writes_a_robot_that_reads_back(model, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"given": {"knee": {"stiffness": 1.0}}}, "'knee' is no joint of"),
+        ({"given": {"knee": {"stiffness": 1.0}}}, "'knee' is not a moving joint of"),
         ({"like": "r2d2"}, "'r2d2' is unknown"),
         ({"tip": "nowhere", "like": "ur5"}, "'nowhere' is not a link or site"),
         ({"given": {"elbow": {"stiffness": -1.0}}, "like": "ur5"}, "stiffness = -1.0"),

@@ -49,9 +49,12 @@ def test_a_file_without_the_table_has_no_ends(tmp_path):
         ("stiffness = [[1e4, 1e6]]", "stiffness has 1 ranges; the arm has 2 joints"),
         ("stiffness = [[1e6, 1e4], [2e3, 1e5]]", r"stiffness\[0\] = .* must be a range \(low, high\)"),
         ("stiffness = [[0.0, 1e6], [2e3, 1e5]]", r"stiffness\[0\]\[0\] = 0.0 N m/rad is out of range"),
-        ("stiffness = [[1e5, 1e6], [2e3, 1e5]]", r"stiffness\[0\] = 64000.0 N m/rad within its range is out of range"),
+        (
+            "stiffness = [[1e5, 1e6], [2e3, 1e5]]",
+            r"ranges: stiffness\[0\] of the arm = 64000.0 N m/rad is out of range",
+        ),
         ("damping = [[1.0, 2.0], [1.0, 2.0]]", "unknown field damping; known: motor_inertia, stiffness"),
-        ("motor_inertia = [[1.0, 9.0], [0.4, 0.6]]", "ranges: no arm has motor_inertia high: inertia"),
+        ("motor_inertia = [[1.0, 9.0], [0.4, 0.6]]", "ranges: no arm can have motor_inertia high: inertia"),
     ],
 )
 def test_a_wrong_table_is_refused_by_every_reader(ranges, message, tmp_path):

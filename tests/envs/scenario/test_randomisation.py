@@ -83,7 +83,7 @@ def test_references_that_do_not_fit_are_refused():
     with pytest.raises(TypeError, match=r"references: entry = Circle.* must be a .*[.]Reference"):
         DomainRandomisation(references=(REFERENCE, Circle()))
     other = DomainRandomisation(references=(REFERENCE, JointReference(parameters=LONG)))
-    with pytest.raises(ValueError, match=r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m"):
+    with pytest.raises(ValueError, match=r"links of \(0\.6, 0\.5\) m, but the plant has links of \(0\.5, 0\.5\) m"):
         FuzzyArmEnv(randomisation=other)
     with pytest.raises(ValueError, match="either a reference or a randomisation that draws references, not both"):
         FuzzyArmEnv(reference=REFERENCE, randomisation=EVERYTHING)

@@ -113,7 +113,7 @@ def test_the_ring_ends_at_the_margin_to_the_singular_configurations(length):
 
 def test_joint_limits_name_joint_value_and_limit():
     beyond_pi = Circle(center=(-0.345, -0.491))
-    with pytest.raises(ValueError, match=r"joint1 leaves .* it is 3\.\d* rad; .* \[-3.14159, 3.14159\] .*joint_limit"):
+    with pytest.raises(ValueError, match=r"joint1 leaves .* s: 3\.\d* rad, by .* \[-3.14159, 3.14159\] .*joint_limit"):
         JointReference(beyond_pi)
     JointReference(beyond_pi, elbow_sign=-1)
     arm = ArmParameters(joint_limit=(math.pi, 1.9))
@@ -145,7 +145,7 @@ BAD = [
     ({"elbow_sign": 0}, r"elbow_sign = 0 is out of range; allowed: 1 \(q2 > 0\) or -1"),
     ({"path": "circle"}, r"path = 'circle' must have a method points\(s\)"),
     ({"path": Own(np.copy, np.copy, np.copy)}, "returned p of shape"),
-    ({"path": Own(list, lambda s: [1.0, [2.0]], list)}, r"needed: arrays of p, dp/ds and d²p/ds²"),
+    ({"path": Own(list, lambda s: [1.0, [2.0]], list)}, r"needed: three NumPy arrays p, dp/ds, d²p/ds²"),
 ]
 
 

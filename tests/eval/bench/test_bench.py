@@ -88,7 +88,7 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
         (RuntimeError("no GPU\nhere."), "no GPU here"),
         (
             ModuleNotFoundError("No module", name="envpool"),
-            'envpool is not installed: pip install -c constraints.txt -e ".[bench]" in the repository',
+            'envpool is not installed; run in the repository: pip install -c constraints.txt -e ".[bench]"',
         ),
         (gym.error.DependencyNotInstalled("mujoco wanted"), "mujoco wanted"),
     ],

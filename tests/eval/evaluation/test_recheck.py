@@ -177,7 +177,7 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     del sys.modules["my_checked"]
     arguments = ["evaluate", "--check", "results.json"]
     assert main(arguments) == 2
-    assert f"if you trust it, add --policy {name}" in one_line_error(capsys)
+    assert f"if you trust this code, add --policy {name}" in one_line_error(capsys)
     assert main([*arguments, "--policy", name, "--policy", "my_checked:Other"]) == 2
     assert "--policy my_checked:Other: with --check, --policy only permits code" in one_line_error(capsys)
     assert "my_checked" not in sys.modules
@@ -210,13 +210,13 @@ BROKEN = {
     "no certificates": (replaced(["certificates"], {}), "'fuzzy-4' is missing"),
     "a policy": (replaced(["config", "policies", 0], 4), "got `int` at `config.policies[0]`"),
     "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),
-    "many seeds": (replaced(["config", "seeds"], 10**12), "it has 4 rows; it must have exactly one for each"),
+    "many seeds": (replaced(["config", "seeds"], 10**12), "it has 4 rows; needed: "),
     "noise": (replaced(["config", "encoder_noise"], [-1.0, 0.0]), "EncoderNoise.position = -1.0"),
     "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass[0] = "),
     "an unknown key of the arm": (replaced(["config", "parameters", "colour"], "red"), "unknown field colour"),
     "a row of another": (
         replaced(["results", 0, "seed"], 1),
-        "out of order: expected that of ('nominal', 'fuzzy-4', 0)",
+        "out of order: expected the row of ('nominal', 'fuzzy-4', 0)",
     ),
     "no error": (replaced(["results", 0, "tip_error_rms_mm"], None), "a row lacks tip_error_rms_mm"),
     "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) = 'much'"),

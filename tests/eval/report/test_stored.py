@@ -93,7 +93,7 @@ def test_episodes_that_were_not_asked_for(evaluation, tmp_path, capsys):
     folder = write(made, tmp_path / "e")
     document = json.loads((folder / "results.json").read_text())
     change(folder, config=document["config"] | {"cases": ["machining", "nominal"]})
-    assert "its rows are out of order: expected that of ('machining', " in refusal(folder, capsys)
+    assert "its rows are out of order: expected the row of ('machining', " in refusal(folder, capsys)
     change(folder, results=sorted(document["results"], key=lambda row: row["case"]))
     assert "does not contain the episodes of the configuration" in refusal(folder, capsys)
 

@@ -232,7 +232,7 @@ WEAK = dataclasses.replace(ARM, torque_limit=(20.0, 10.0))
 @pytest.mark.parametrize(
     ("policy", "plant", "message"),
     [
-        (Springs(lambda *_: (0, 0)), ARM, "state is tuple"),
+        (Springs(lambda *_: (0, 0)), ARM, "state of type tuple"),
         (Springs(dtype=np.float32), ARM, "float32"),
         (Springs(), WEAK, "limit"),
         (ComputedTorquePolicy(WEAK, PERIOD, 50.0), ARM, "no equilibrium"),

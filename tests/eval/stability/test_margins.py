@@ -93,7 +93,10 @@ def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
     row = policy_margins(Springs(lambda *_: ()), ARM, 1e-3)
     assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
     assert set(row["reasons"]) == {*row["spectral_radius"], *row["loop_gain"]}
-    assert all("state is tuple; needed: float64, and an array or None" in reason for reason in row["reasons"].values())
+    assert all(
+        "state of type tuple; needed: a float64 torque, and a NumPy array or None as state" in reason
+        for reason in row["reasons"].values()
+    )
     rows = [{"policy": "p", **row}]
     assert margin_cells(rows)[1] == [["p", *["-"] * 11]]
     assert len(margin_notes(nominal() | {"rows": rows})) == 3  # one reason, told once

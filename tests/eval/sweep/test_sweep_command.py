@@ -121,9 +121,13 @@ def cut(folder):
         (lambda folder: None, ["--resume", "--plants", "7"], "choose another --out"),
         (lambda folder: None, ["--resume", "--policy", "fuzzy-2"], "choose another --out"),
         (lambda folder: None, ["--resume", "--robot", "cicese"], "with other settings ("),
-        (lambda folder: (folder / "run.json").unlink(), QUICK, "remove chunks, or choose another --out"),
+        (lambda folder: (folder / "run.json").unlink(), QUICK, "remove this folder, or choose another --out"),
         (run_file(lambda text: text.replace('"plants": 6', '"plants": 5')), ["--resume"], "was changed"),
-        (run_file(lambda text: text.replace("sweep/3", "sweep/1")), ["--resume"], "'fuzzyarm-sweep/1', this version"),
+        (
+            run_file(lambda text: text.replace("sweep/3", "sweep/1")),
+            ["--resume"],
+            "'fuzzyarm-sweep/1'; this version of fuzzyarm",
+        ),
         (cut, ["--resume"], "000001.npz is damaged"),
     ],
 )

@@ -46,7 +46,7 @@ def refused(policy, state):
     huge[1, 7] = 1e300
     parts = vars(state) if dataclasses.is_dataclass(state) else {"memory": state}
     before = copy.deepcopy(parts)
-    with pytest.raises(ValueError, match=r"^no finite torque follows .* with a number of size 1e\+300"):
+    with pytest.raises(ValueError, match=r"^the policy has no finite torque .* with a number of magnitude 1e\+300"):
         policy.predict(huge, state)
     assert identical(parts, before)
 
@@ -66,7 +66,7 @@ def test_after_a_reading_from_which_no_torque_follows_the_state_goes_on_as_if_it
 def test_what_is_no_state_is_refused_by_name():
     passes, learning = PASSES.predict(SEEN[0])[1], LEARNING.predict(SEEN[0])[1]
     for use, state, message in (
-        (ADAPTIVE.beliefs, ["a"], rf"= \['a'\] must be an array \(..., {SIZE}\)"),
+        (ADAPTIVE.beliefs, ["a"], rf"= \['a'\] must be an array of shape \(..., {SIZE}\)"),
         (ADAPTIVE.beliefs, np.zeros(3), rf"has shape \(3,\); allowed: \(..., {SIZE}"),
         (PASSES.beliefs, None, "= None must be the PassState"),
         (PASSES.begin_pass, np.zeros(3), r"= array\(\[0., 0., 0.\]\) must be the PassState that predict or begin_pass"),

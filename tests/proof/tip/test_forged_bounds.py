@@ -83,9 +83,9 @@ def test_a_wider_set(true, twin, tmp_path, name):
     reasons = (
         LEFT,
         LARGER,
-        "the plan of motor",
+        "contradicts the friction plan of motor",
         "a friction plan of the file assumes a friction law",
-        "may reach its limit",
+        "may reach its torque limit",
     )
     refused(dataclasses.replace(true, claim=claim), twin, tmp_path / "forged.json", *reasons)
 
@@ -105,7 +105,7 @@ def test_another_plan(true, twin, tmp_path, plan):
     def planned(segment, closed):
         return segment, dataclasses.replace(closed, plans=(plan, plan))
 
-    refused(with_part(true, AT, planned), twin, tmp_path / "forged.json", "the plan of motor")
+    refused(with_part(true, AT, planned), twin, tmp_path / "forged.json", "contradicts the friction plan of motor")
 
 
 @pytest.mark.parametrize("change", [{"modes": (Mode.FORWARD, Mode.FORWARD)}, {"end": 1e-3}, {"angles": 1e-6}], ids=str)
@@ -114,7 +114,14 @@ def test_another_centre(true, twin, tmp_path, change):
         shifted = {name: value if name == "modes" else getattr(segment, name) + value for name, value in change.items()}
         return segment._replace(**shifted), closed
 
-    refused(with_part(true, AT, moved), twin, tmp_path / "forged.json", LEFT, LARGER, "the plan of motor")
+    refused(
+        with_part(true, AT, moved),
+        twin,
+        tmp_path / "forged.json",
+        LEFT,
+        LARGER,
+        "contradicts the friction plan of motor",
+    )
 
 
 def test_parts_of_the_motion_are_left_out(true, twin, tmp_path):

@@ -116,7 +116,7 @@ def test_a_box_is_read_said_and_spanned(tmp_path):
         (["--laps", "ever", "--steps", "3"], "laps = ever needs whole laps"),
         (["--laps", "ever", "--path", "line"], "needs a closed path"),
         (["--path", "cube"], "path = 'cube'"),
-        (["--robot", "ur5"], "only two-joint arms have bounds"),
+        (["--robot", "ur5"], "bounds are available only for two-joint arms"),
     ],
 )
 def test_bad_starts_laps_and_arms_are_one_line(words, why, capsys):

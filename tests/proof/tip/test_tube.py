@@ -147,8 +147,8 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
         ({"cells": [second]}, "no cell holds payload from 0 to 0.1"),
         ({"cells": [first]}, "no cell holds payload from 0.1 to 0.2"),
         ({"bound": 0.5 * sound["bound"]}, "the tip may err"),
-        ({"case": "payload"}, "something else"),
-        ({"samples": 5}, "something else"),
+        ({"case": "payload"}, "states another claim than this file"),
+        ({"samples": 5}, "states another claim than this file"),
     ):
         out.write_text(json.dumps(sound | change))
         assert main(["verify", str(out), "--json"]) == 1

@@ -151,7 +151,9 @@ class AdaptiveObserverPolicy(LawPolicy):
         """The law that acts where the filter has diverged."""
         found = law_of(self.fallback)
         if found is None:
-            raise ValueError(f"fallback = {type(self.fallback).__name__} has no law; take one of `fuzzy_policy.laws`")
+            raise ValueError(
+                f"fallback = {type(self.fallback).__name__} has no `Law`; give a policy of `fuzzyarm.fuzzy_policy.laws`"
+            )
         return found
 
     def repeated(self) -> AdaptivePasses:

@@ -82,7 +82,7 @@ def read_bundle(
     try:
         description: Any = record(_without_off(check_schema(content, schema)), kind)
     except ValueError as error:
-        raise BundleError(f"{path} is not a description of a policy: {error}; train it again") from None
+        raise BundleError(f"{path} is not a description of a policy: {error}; train the policy again") from None
     weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is not a policy of this package")
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(
@@ -124,7 +124,7 @@ def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
         raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
     for name, tensor in tensors.items():
         if tensor.dtype != np.float32:
-            raise ValueError(f"{escaped(name)} is {tensor.dtype}; needed: float32")
+            raise ValueError(f"the array {escaped(name)} is {tensor.dtype}; needed: float32")
     return tensors
 
 
@@ -179,19 +179,19 @@ class PolicyBundle(Trained):
     def __post_init__(self) -> None:
         joints = len(self.action.scale)
         if self.features.joints != joints:
-            raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
+            raise ValueError(f"the features are for {self.features.joints} joints, but the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
-            raise ValueError(f"it is for {joints} joints but does not name the arm")
+            raise ValueError(f"a policy for {joints} joints must name its arm, which this one does not")
         found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
-            text = "the network has {} inputs and {} outputs; the definitions ask for {} and {}"
+            text = "the network has {} inputs and {} outputs; the features and the action need {} and {}"
             raise ValueError(text.format(*found, *needed))
 
     def save(self, folder: Path) -> None:
         """Write the bundle, see `write_folder`; ValueError for a recurrent network, which has no file."""
         network, arrays, tensors = self.network, ("mean", "std"), {}
         if network.cell is not None:
-            raise ValueError("a recurrent network has no file: keep the model of the library that trained it")
+            raise ValueError("a recurrent network cannot be saved: keep the model file of the library that trained it")
         for number, layer in enumerate(zip(network.weights, network.biases, strict=True)):
             tensors[f"layer{number}.weight"], tensors[f"layer{number}.bias"] = layer
         described = {"sizes": list(network.sizes), "activation": network.activation}
@@ -247,5 +247,5 @@ def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -
     weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
     network = Network(mean, std, description.clip, weights, biases, description.activation, description.output)
     if list(network.sizes) != description.sizes:
-        raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
+        raise ValueError(f"the layers have sizes {list(network.sizes)}, but {DESCRIPTION} says {description.sizes}")
     return network

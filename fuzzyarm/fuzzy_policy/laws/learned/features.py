@@ -67,7 +67,7 @@ class Features:
         arm: AnyArm = ArmParameters() if parameters is None else checked_arm("parameters", parameters)
         self.size, joints = d.size, joints_of(arm)
         if d.joints != joints:
-            raise ValueError(f"the features are for {d.joints} joints, the arm has {joints}")
+            raise ValueError(f"the features are for {d.joints} joints, but the arm has {joints}")
         self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
         nothing, elastic = (0.0,) * joints, self._target is not None
         self.memory = _Remembered(
@@ -148,7 +148,7 @@ def guided(base: Policy | None, name: str | None = None, *, beside: bool = False
     law = law_of(base)
     if law is None:
         raise ValueError(
-            f"the base {name} is a {type(base).__name__}, which has no law; allowed: a fuzzy policy, "
+            f"the base {name} is of type {type(base).__name__}, which has no `Law`; allowed: a fuzzy policy, "
             "computed-torque, their -tip forms, or elastic-observer"
         )
     command = within_limits(law, base.joints, base.integral_at)

@@ -119,7 +119,7 @@ def real_array(name: str, array: Any, axes: int) -> None:
     if instance(name, array, np.ndarray).dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")
     if array.ndim != axes:
-        raise ValueError(f"{name} has {array.ndim} axes; needed: {axes}")
+        raise ValueError(f"{name} has {array.ndim} dimension(s); needed: {axes}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -197,10 +197,11 @@ class Network:
             real_array("biases", bias, 1)
         if not 1 <= len(self.weights) <= _MOST_LAYERS or len(self.biases) != len(self.weights):
             raise ValueError(
-                f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
+                f"the network has {len(self.weights)} weights and {len(self.biases)} biases; needed: one of each for "
+                f"every layer, with 1 to {_MOST_LAYERS} layers"
             )
         if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
-            raise ValueError(f"layers of {self.sizes}; allowed: 1 to {_LARGEST_LAYER} in each")
+            raise ValueError(f"the layers have the widths {self.sizes}; allowed: 1 to {_LARGEST_LAYER} each")
         inputs, *widths = self.sizes
         for name in ("mean", "std"):
             finite_array(name, getattr(self, name), (inputs,))
@@ -212,7 +213,7 @@ class Network:
             finite_array(f"layer {number}: bias", bias, (outputs,))
             inputs = outputs
         if not np.all(self.std > 0.0):
-            raise ValueError("std must be positive")
+            raise ValueError("std must contain only positive numbers")
 
     @property
     def sizes(self) -> tuple[int, ...]:

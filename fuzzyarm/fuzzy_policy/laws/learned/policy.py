@@ -47,9 +47,9 @@ class LearnedPolicy(LawPolicy):
         self.calls_per_action = bundle.action.calls(control_period)
         if (base is None) != (bundle.action.base is None):
             given = "none" if base is None else type(base).__name__
-            raise ValueError(f"this policy was trained on the base {bundle.action.base}; base = {given} was given")
+            raise ValueError(f"this policy was trained with base = {bundle.action.base}, but base = {given} was given")
         if base is not None and base.control_period != control_period:
-            raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
+            raise ValueError(f"the base has control_period = {base.control_period} s; needed: {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
         self._smoothing, self._scale = bundle.action.smoothing, tuple(map(float, bundle.action.scale))
         self.memory_size = len(flat(self.control_law.memory))

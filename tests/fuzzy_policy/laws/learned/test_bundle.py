@@ -46,12 +46,12 @@ DAMAGES = (
     (written("policy.json", b"\xff\xfe\x00"), "policy.json: not a JSON document"),
     (written("policy.json", b"[" * 10**5), "policy.json: .*nested too deeply"),
     (written("policy.json", b" " * (LARGEST + 1)), "policy.json(:| is) larger than"),
-    (edited(schema="x/2"), "the schema is 'x/2', this version"),
+    (edited(schema="x/2"), "the schema is 'x/2'; this version of fuzzyarm"),
     (edited(seed="gone"), "missing required field `seed`"),
     (edited(run="rm"), "unknown field run"),
     (edited("network", mean=["1"] * 20), r"Expected `float`, got .* at `network\.mean"),
     (edited("network", std=[float("nan")] * 20), "NaN is not a JSON number"),
-    (edited("network", std=[0.0] * 20), "std must be positive"),
+    (edited("network", std=[0.0] * 20), "std must contain only positive numbers"),
     (edited("network", mean=[0.0] * 19), r"std has shape \(20,\); allowed: \(19,\)"),
     (edited("network", sizes=[20, 2]), r"policy.json says \[20, 2\]"),
     (edited("network", activation="elu"), "activation = 'elu' is unknown"),
@@ -135,7 +135,7 @@ def oracle(network, features, h, m):
 
 def test_a_recurrent_network_is_the_textbooks_memory_before_the_layers_and_has_no_file(tmp_path):
     made = recurrent()
-    with pytest.raises(ValueError, match="a recurrent network has no file"):
+    with pytest.raises(ValueError, match="a recurrent network cannot be saved"):
         made.save(tmp_path / "policy")
     network = made.network
     assert network.sizes == (made.features.size, HIDDEN, 5, 2)
@@ -167,7 +167,7 @@ def test_every_lane_has_a_memory_of_its_own_which_begins_with_its_episode():
     ("shapes", "message"),
     [
         (((12, 4), (12, 4), (12,)), "weight_x has shape"),
-        (((12, 4), (12,), (12,)), "weight_h has 1 axes; needed: 2"),
+        (((12, 4), (12,), (12,)), "weight_h has 1 dimension"),
         (((0, 4), (0, 0), (0,)), "0 columns; allowed: 1 to 1024"),
     ],
 )

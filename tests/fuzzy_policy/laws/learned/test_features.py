@@ -83,7 +83,7 @@ def test_features_are_those_of_the_equations(definition):
         np.testing.assert_allclose(shown, wanted, rtol=1e-12, atol=1e-14)
         lanes.act(observations[k], actions[k], torques[k], memory, held)
     if definition.joints == 3:
-        with pytest.raises(ValueError, match="the features are for 3 joints, the arm has 2"):
+        with pytest.raises(ValueError, match="the features are for 3 joints, but the arm has 2"):
             Features(definition, PERIOD)
 
 

@@ -206,7 +206,10 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
 @pytest.mark.parametrize(
     ("forge", "message"),
     [
-        (edited(schema="fuzzyarm-learned-observer/3"), "this version reads 'fuzzyarm-learned-observer/4'; train it ag"),
+        (
+            edited(schema="fuzzyarm-learned-observer/3"),
+            "this version of fuzzyarm reads 'fuzzyarm-learned-observer/4'; train",
+        ),
         (resealed(X=np.zeros(3, np.float32)), "needed: A, B, C"),
         (resealed(A=np.zeros((HIDDEN, 3), np.float32)), "A has shape"),
         (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
@@ -279,5 +282,7 @@ def test_the_margins_of_a_robot_are_the_elastic_observers():
     policies = LearnedObserverPolicy(estimate_network(3, 3), PLANAR, PERIOD), ElasticObserverPolicy(PLANAR, PERIOD)
     own, base = (policy_margins(one, PLANAR, PERIOD)["spectral_radius"]["nominal"] for one in policies)
     assert own == base
-    with pytest.raises(ValueError, match="the network is for 6 joints and a tip in 3 axes, the arm has 3 and 3"):
+    with pytest.raises(
+        ValueError, match="the network is for 6 joints and a tip in 3 axes, but the arm has 3 joints and"
+    ):
         LearnedObserverPolicy(estimate_network(6, 3), PLANAR, PERIOD)

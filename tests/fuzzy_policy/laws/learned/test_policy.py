@@ -87,11 +87,11 @@ def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
 def test_periods_and_bases_that_do_not_fit_are_named():
     residual, base = bundle(ActionDefinition((0.01, 0.01), base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
     for made, message in (
-        (lambda: LearnedPolicy(bundle(), 1.5e-3), r"acts every 0.002 s.* = 0.0015 s; allowed: 0.002 s divided"),
+        (lambda: LearnedPolicy(bundle(), 1.5e-3), r"acts every 0.002 s.* = 0.0015 s; allowed periods: 0.002 s divided"),
         (lambda: LearnedPolicy(bundle(), 4e-3), r"control_period = 0.004 s"),
-        (lambda: LearnedPolicy(residual), "trained on the base fuzzy-4; base = none"),
-        (lambda: LearnedPolicy(bundle(), base=base), "trained on the base None; base = FuzzyPolicy"),
-        (lambda: LearnedPolicy(residual, 2e-3, base=base), r"control period of 0.001 s, not 0.002 s"),
+        (lambda: LearnedPolicy(residual), "trained with base = fuzzy-4, but base = none"),
+        (lambda: LearnedPolicy(bundle(), base=base), "trained with base = None, but base = FuzzyPolicy"),
+        (lambda: LearnedPolicy(residual, 2e-3, base=base), r"control_period = 0.001 s; needed: 0.002 s"),
     ):
         with pytest.raises(ValueError, match=message):
             made()
@@ -168,8 +168,8 @@ def test_a_bundle_is_for_its_arm_alone(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (edited(arm="gone"), "it is for 3 joints but does not name the arm"),
-        (edited("features", joints=2), "the features are for 2 joints, the action has 3 scales"),
+        (edited(arm="gone"), "a policy for 3 joints must name its arm"),
+        (edited("features", joints=2), "the features are for 2 joints, but the action has 3 scales"),
         (edited("features", joints=13), "joints = 13 is out of range"),
         (edited("arm", digest=7), r"at `arm.digest`"),
         (edited("arm", more=7), "unknown field more"),

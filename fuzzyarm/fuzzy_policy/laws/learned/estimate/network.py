@@ -108,7 +108,7 @@ class EstimateNetwork:
         for field in dataclasses.fields(self):
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
-            raise ValueError(f"U has {self.hidden} rows, P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
+            raise ValueError(f"U has {self.hidden} rows, and P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
         if len(self.V) == 0 or self.axes not in _AXES:
             needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
             raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, which fit no arm; {needed}")
@@ -204,7 +204,10 @@ class EstimateBundle(Trained):
     def __post_init__(self) -> None:
         joints = len(ArmParameters().length)
         if isinstance(self.arm, ArmParameters) and (self.network.joints, self.network.axes) != (joints, joints):
-            raise ValueError(f"it is for the two-joint arm, and its network for {self.network.joints} joints")
+            raise ValueError(
+                f"it is for the two-joint arm, but its network is for {self.network.joints} joints and "
+                f"{self.network.axes} axes of the tip"
+            )
 
     def serves(self, arm: AnyArm) -> bool:
         """Return whether the observer was trained for this arm."""
