@@ -131,9 +131,11 @@ POLICIES = Registry[_NamedPolicy](
 )
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""
 
-_TIPS = tuple(name for name, policy in POLICIES.items() if policy.has_tip and name not in PAPERS)
-NAMES = (*_TIPS, *(name + TIP for name in _TIPS), *(name for name in POLICIES if name not in (*_TIPS, *PAPERS)))
-"""Names of the policies that come with the package, those with the ending `TIP` included, and `PAPERS` left out."""
+_VARIANTS = (*PAPERS, SMOOTH_OBSERVER)
+_TIPS = tuple(name for name, policy in POLICIES.items() if policy.has_tip and name not in _VARIANTS)
+NAMES = (*_TIPS, *(name + TIP for name in _TIPS), *(name for name in POLICIES if name not in (*_TIPS, *_VARIANTS)))
+"""Names of the policies that are compared in all results, those with the ending `TIP` included; left out are `PAPERS`
+and `SMOOTH_OBSERVER`, variants of others."""
 
 COMPARED = (
     *("fuzzy-4", COMPUTED_TORQUE, "fuzzy-4-tip", "computed-torque-tip"),

@@ -91,7 +91,11 @@ def test_computed_torque_linearises_the_rigid_arm():
 
 
 # Of the fuzzy policies the largest, the default and the one of one rule: others differ in the number of rules alone.
-ONE_OF_A_KIND = [name for name in NAMES if not name.startswith(("fuzzy-16", "fuzzy-8", "fuzzy-2", "fuzzy-4-sampled"))]
+ONE_OF_A_KIND = [
+    name
+    for name in (*NAMES, "smooth-observer")
+    if not name.startswith(("fuzzy-16", "fuzzy-8", "fuzzy-2", "fuzzy-4-sampled"))
+]
 # Lanes of learned-observer are compared with single arms where its equations are tested.
 QUICK = [name for name in ONE_OF_A_KIND if "32" not in name and name != "learned-observer"]
 
