@@ -171,7 +171,7 @@ def _long(logs: Sequence[Log]) -> list[Log]:
     if not found:
         longest = max(log.duration for log in logs)
         raise ValueError(
-            f"no log has a part without a gap of more than {_SHORTEST:g} s, which a prediction for {HORIZON:g} s needs "
+            f"no part of the logs between gaps is longer than {_SHORTEST:g} s, as a prediction for {HORIZON:g} s needs "
             f"(longest: {longest:.3g} s); record without gaps, or name another time with --columns time=NAME"
         )
     return found

@@ -17,6 +17,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.policies._onnx_model import OnnxPolicy
+from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv, FuzzyArmLearnVectorEnv
 
 ROOT = Path(__file__).parents[2]
@@ -91,19 +92,21 @@ def test_torchrl_finds_nothing_wrong(mode):
 @pytest.mark.parametrize(
     ("script", "library", "words"),
     [
-        ("train_torchrl", "torchrl", "4096"),
+        ("train_torchrl", "torchrl", "250000"),
         ("torchrl_tensors", "torchrl", ""),
-        ("train_rsl_rl", "rsl_rl", "12288"),
+        ("train_rsl_rl", "rsl_rl", "1800000"),
         ("train_rsl_rl", "rsl_rl", "12288 --device cpu"),
     ],
 )
 def test_the_pages_of_other_libraries_run(script, library, words, tmp_path):
+    """A minute of training makes a policy that follows the nominal circle; fewer steps only show that the page runs."""
     pytest.importorskip(library)
     command = [sys.executable, str(EXAMPLES / f"{script}.py"), *words.split()]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     for file in tmp_path.glob("*.onnx"):
-        assert OnnxPolicy(file, ArmParameters(), 1e-3).action_period == 2e-3
+        policy = OnnxPolicy(file, ArmParameters(), 1e-3)
+        assert words.endswith("cpu") or evaluate_cases(policy)["nominal_rms_mm"] < 10.0
 
 
 @pytest.mark.slow
