@@ -168,7 +168,7 @@ def test_short_parts_are_left_out_and_said(logs, found):
         *found.remarks(),
     ]
     with pytest.raises(
-        ValueError, match=r"no log has a part without a gap .* \(longest: 0.596 s\); record without gaps"
+        ValueError, match=r"no part of the logs between gaps is longer .* \(longest: 0.596 s\); record without gaps"
     ):
         identify(short, wrong(1.2, STIFF))
 
