@@ -62,6 +62,8 @@ class ElasticObserverPolicy(LawPolicy):
     n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule are `feedback` and `observer`.
     """
 
+    _smooth = False  # whether the prediction is without dry friction
+
     def __init__(
         self, parameters: AnyArm | None = None, control_period: float = 1e-3, weights: ObserverWeights | None = None
     ) -> None:
@@ -96,7 +98,9 @@ class ElasticObserverPolicy(LawPolicy):
         """The law of the module's docstring."""
         memory = Observed(past_of(self.joints), 0.0, Estimate(*[(0.0,) * self.joints] * len(Estimate._fields)))
         tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
-        return Law(self._law(*self.where), memory, self._given, tables, told=True)
+        smooth_arm = numbers_of(without_dry_friction(self.parameters))[0]
+        given = (self._numbers, smooth_arm) if self._smooth else self._numbers
+        return Law(_law_of(self._smooth, *self.where), memory, given, tables, told=True)
 
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
@@ -110,26 +114,11 @@ class ElasticObserverPolicy(LawPolicy):
         limit, substep = tuple(map(float, self.torque_limit)), self.control_period / self._substeps
         self._numbers = Constants(self._target.constants, limit, substep, float(self._substeps))
 
-    @property
-    def _law(self) -> Any:
-        return _law_of
-
-    @property
-    def _given(self) -> Any:
-        return self._numbers
-
 
 class SmoothObserverPolicy(ElasticObserverPolicy):
     """The observer whose prediction has no stick, see the module; arguments and memory are the same."""
 
-    @property
-    def _law(self) -> Any:
-        return _smooth_law_of
-
-    @property
-    def _given(self) -> Any:
-        arm, _ = numbers_of(without_dry_friction(self.parameters))
-        return self._numbers, arm
+    _smooth = True
 
 
 class Observed(NamedTuple):
@@ -214,35 +203,21 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
 
 
 @functools.cache
-def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
+def _law_of(smooth: bool, physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
     correct, act, predict = steps_of(physics, kept, cosine, points)
 
-    def elastic_observer(
-        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any, admit: Any = None
-    ) -> tuple[Observed, Any]:
-        found = correct(memory, seen, c, observer)
-        torque = act(found, seen, c, feedback)
-        applied = within(physics.PerJoint(*torque), c.limit) if admit is None else admit(torque)
-        return Observed(found.past, 1.0, predict(found.x, applied, c, c.target.arm)), torque
-
-    return elastic_observer
-
-
-@functools.cache
-def _smooth_law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
-    correct, act, predict = steps_of(physics, kept, cosine, points)
-
-    def smooth_observer(
+    def observer_law(
         memory: Observed, seen: Observation, given: Any, feedback: Any, observer: Any, admit: Any = None
     ) -> tuple[Observed, Any]:
-        c, arm = given
+        c, arm = given if smooth else (given, given.target.arm)
         found, dry = correct(memory, seen, c, observer), c.target.drives.dry_friction
         torque = act(found, seen, c, feedback)
         applied = within(physics.PerJoint(*torque), c.limit) if admit is None else admit(torque)
-        moving = [
-            u - dry_friction_ahead(v, a, dry_friction_of(dry, j), c.target)
-            for j, (u, v, a) in enumerate(zip(applied, found.aim.dq, found.aim.ddq, strict=True))
-        ]
-        return Observed(found.past, 1.0, predict(found.x, moving, c, arm)), torque
+        if smooth:
+            applied = [
+                u - dry_friction_ahead(v, a, dry_friction_of(dry, j), c.target)
+                for j, (u, v, a) in enumerate(zip(applied, found.aim.dq, found.aim.ddq, strict=True))
+            ]
+        return Observed(found.past, 1.0, predict(found.x, applied, c, arm)), torque
 
-    return smooth_observer
+    return observer_law
