@@ -47,7 +47,7 @@ from fuzzyarm.proof.tip.plant import SETS, PlantSet
 COUNTED = 1e-6  # [m], smallest bound that a ratio counts for
 WIDE = "stiffness ± 10 %, masses ± 5 %, dry friction ± 50 %"
 MAGNIFIED = 25  # errors in the picture
-AGREES = 1e-6  # relative: bounds of the same proof, whose solvers and sums may round otherwise
+AGREES = 2e-5  # relative: bounds of the same proof; solvers and sums round otherwise on another processor, up to 5e-6
 EVERY = 10  # samples of the curves that are stored
 
 
