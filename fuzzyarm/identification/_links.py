@@ -162,7 +162,8 @@ class _Cones:
         scale = []
         for mass, length in zip(robot.arrays.mass, reach, strict=True):
             scale += [mass, *[mass * length] * DIMENSIONS, *[mass * length**2] * len(_PAIRS)]
-        self.scale = np.array([*scale, *np.maximum(start[_BODY * n :], 1e-3)])
+        least = [[0.0, *[1e-2 * joint.drive.torque_limit] * (_DRIVE - 1)] for joint in robot.joints]
+        self.scale = np.array([*scale, *np.maximum(start[_BODY * n :], np.ravel(least))])
         self.n, basis = n, np.zeros((_BODY, DIMENSIONS + 1, DIMENSIONS + 1))
         basis[0, -1, -1] = 1.0
         for axis in range(DIMENSIONS):
@@ -215,8 +216,8 @@ class _Fit(NamedTuple):
     half_width: np.ndarray | None  # of the 95 % intervals between logs, (14 n,)
 
 
-def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, fixed: np.ndarray) -> _Fit:
-    """Return the numbers of the robot; those of a truth mask `fixed` (14 n,) stay at the start's."""
+def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, told: np.ndarray) -> _Fit:
+    """Return the numbers of the robot; numbers of joints outside the truth mask `told` (4 n,) stay near the start's."""
     prior, n, sigma = _numbers_of(start), len(start), np.ones(len(start))
     weights = [part.moving.astype(float) for part in parts]
     pi = prior
@@ -228,8 +229,7 @@ def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, fixed: np.nd
                            np.einsum("ijp,ij,ij->p", Y, weight / sigma**2, part.torque)))  # fmt: skip
         H, b = (sum(one[place] for one in slopes) for place in (0, 1))
         known = np.full(len(b), _PRIOR * float(np.sum([weight.sum() for weight in weights])) / len(b))
-        known[_BODY * n :] *= 1e-3
-        known = np.where(fixed, 1e6 * np.diag(H).max(), known)
+        known[_BODY * n :] *= np.where(told, 1e-3, 1.0)
         full = H + np.diag(known)
         pi = cones.scale * cones.minimum(full, b + known * prior / cones.scale)
         if k < _PASSES - 1:
@@ -261,13 +261,11 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
             f"too little excitation: no joint moves faster than {_SLOWEST:g} rad/s; record a faster motion"
         )
     n, cones, interrupted = len(start), _Cones(start), False
-    fit = _fitted(parts, start, cones, np.zeros((_BODY + _DRIVE) * n, dtype=bool))
+    fit = _fitted(parts, start, cones, np.ones(_DRIVE * n, dtype=bool))
     advance()
-    told = fit.deviation < _TOLD
-    drives = np.arange((_BODY + _DRIVE) * n) >= _BODY * n
-    fixed = drives & ~told
-    if fixed.any():
-        fit = _fitted(parts, start, cones, fixed)
+    told = fit.deviation[_BODY * n :] < _TOLD
+    if not told.all():
+        fit = _fitted(parts, start, cones, told)
     robot, prior = _robot_with(fit.pi, start), _numbers_of(start)
     held: dict[str, tuple[float, ...]] = {"start": _shares([(part, prior) for part in parts])}
     try:
@@ -278,7 +276,7 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
             pieces = parts
         groups, pairs = min(len(pieces), _GROUPS), []
         for group in range(groups):
-            others = _fitted([one for k, one in enumerate(pieces) if k % groups != group], start, cones, fixed)
+            others = _fitted([one for k, one in enumerate(pieces) if k % groups != group], start, cones, told)
             pairs += [(one, others.pi) for k, one in enumerate(pieces) if k % groups == group]
             advance()
         held["robot"] = _shares(pairs)
@@ -287,12 +285,13 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
     rows = []
     for k, joint in enumerate(start.joints):
         for place, (name, unit) in enumerate(zip(_QUANTITIES, _UNITS, strict=True), start=_BODY * n + _DRIVE * k):
+            known = bool(told[place - _BODY * n])
             half = np.nan if fit.half_width is None else fit.half_width[place]
-            ends = (None, None) if fixed[place] or np.isnan(half) else (fit.pi[place] - half, fit.pi[place] + half)
+            ends = (None, None) if not known or np.isnan(half) else (fit.pi[place] - half, fit.pi[place] + half)
             low, high = (None if end is None else float(end) for end in ends)
             rows.append({
                 "name": f"{joint.name}: {name}", "unit": unit, "start": float(prior[place]),
-                "value": float(fit.pi[place]), "low": low, "high": high, "told": not fixed[place], "needed": False,
+                "value": float(fit.pi[place]), "low": low, "high": high, "told": known, "needed": False,
             })  # fmt: skip
     Y = np.concatenate([part.Y[..., : _BODY * n].reshape(-1, _BODY * n) * cones.scale[: _BODY * n] for part in parts])
     diagonal = np.abs(np.diag(qr(Y, mode="r", pivoting=True)[0]))
