@@ -93,7 +93,14 @@ def attacked(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     if not accepted:
         return outcome
     plants, box = problem.plants, claim.start is not None
-    courses = plants.force_swing or plants.force_course or any(plants.noise) or plants.friction == "any" or box
+    courses = (
+        plants.force_swing
+        or plants.force_course
+        or any(plants.noise)
+        or plants.friction == "any"
+        or box
+        or any(problem.guest)
+    )
     several = problem.plant.parameters or courses  # whether the set has more than one motion
     samples = drawn_samples(claim.plants, len(accepted), SAMPLES if several else 1, rng, box)
     closest = _judge(outcome, problem, accepted, samples)

@@ -12,6 +12,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.policies.spec import without_guest
 from fuzzyarm.policies.tip_bound import _PATHS, PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip.laps import StartBox
 from fuzzyarm.proof.tip.plant import BY_JOINT, PlantSet
@@ -22,7 +23,8 @@ from .arm import Body, ElasticArm
 JOINTS = 2
 POLICIES = {
     "computed-torque-tip": 6, "fuzzy-4-tip": 6, "computed-torque": 2, "fuzzy-1": 2, "fuzzy-8-tip": 1, "fuzzy-32": 1,
-    "elastic-observer": 2, "ppo-robust": 1, "ppo-nominal": 1, "ppo-residual": 1,
+    "elastic-observer": 2, "smooth-observer": 1, "shield:fuzzy-4-tip:any:4,2": 2, "ppo-robust": 1, "ppo-nominal": 1,
+    "ppo-residual": 1,
 }  # fmt: skip
 """Which policies are tried, and how often one for the other."""
 CONSTANTS = (*((kind, joint) for kind in BY_JOINT for joint in range(JOINTS)), ("payload", 0), ("force", 0))
@@ -31,8 +33,8 @@ CONSTANTS = (*((kind, joint) for kind in BY_JOINT for joint in range(JOINTS)), (
 
 @functools.cache
 def policy_of(name: str) -> Policy:
-    """Return a policy for the period of a claim; one is as good as many, as it keeps nothing."""
-    return load_policy(name, control_period=PERIOD)
+    """Return a policy for the period of a claim, without its guest; one is as good as many, as it keeps nothing."""
+    return load_policy(without_guest(name)[0], control_period=PERIOD)
 
 
 def drawn_claim(rng: np.random.Generator) -> TipClaim:
@@ -115,6 +117,7 @@ class Sample:
     swing: np.ndarray  # of the case's force (steps,)
     course: np.ndarray  # of the further force (steps, 2)
     noise: np.ndarray  # errors of the encoders (steps, 4)
+    guest: np.ndarray  # torque of a guest in a shield (steps, 2)
     start: np.ndarray  # in a box of starts, or zeros (8 + memory,)
 
     def share(self, plants: PlantSet, kind: str, joint: int) -> float:
@@ -155,10 +158,12 @@ def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.G
 
     factors = {name: (value(name, 0), value(name, 1)) for name in BY_JOINT}
     payload, force = value("payload", 0), value("force", 0)
-    courses = [rng.choice([-1.0, 1.0], (steps, 9)), np.repeat(rng.choice([-1.0, 1.0], (1, 9)), steps, axis=0)]
+    courses = [rng.choice([-1.0, 1.0], (steps, 11)), np.repeat(rng.choice([-1.0, 1.0], (1, 11)), steps, axis=0)]
     course = courses[int(rng.integers(2))]
     start = np.where(rng.uniform(size=20) < 0.5, -1.0, 1.0) if box else np.zeros(20)  # the first of them count
-    return Sample(factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:], start)
+    return Sample(
+        factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:9], course[:, 9:], start
+    )
 
 
 def arm_of(claim: TipClaim, sample: Sample) -> ElasticArm:
