@@ -11,7 +11,8 @@ plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p
    below μ F(0); it may SLIP if its velocity keeps its sign on the tube; MONOTONE is Lemma 2 of the page, MIXED all
    cases of Lemma 1 that the velocities allow; ANY is any torque up to the static one.
 3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
-4. *Sample.* The law is linearised by its Jacobian on the box of measured states; its rounding is a remainder.
+4. *Sample.* The law is linearised by its Jacobian on the box of measured states; rounding and a guest add to the rest.
+5. *For ever.* The end of a lap lies in the set in which the lap began.
 
 Balls (Arb) hold plant, law, reference and exponentials. A course f(s), s in [-1, 1], is a Chebyshev interpolant in N
 nodes; it errs by 4 M r^(1-N)/(r - 1) where |f| <= M in the ellipse with semi-axes of sum r. The set of deviations is a
@@ -39,7 +40,8 @@ _LAWS, _OMEGA = ("fuzzy-4-tip", "fuzzy-4-sampled-tip", "computed-torque-tip"), 7
 _SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
 _CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
 _PERIOD, _BITS, _SMALL, _ULPS, _UP = 1e-3, 96, 2.0**-44, 2.0**-48, 1.0 + 1e-10
-_NODES, _RADII, _TURNS, _BOTH = 12, (8.0, 16.0, 32.0), 96, range(2)
+_AGAIN, _ROW, _SHARE = 4, 4096, 2e-3  # laps; tags of a step; room of a set around the end of a lap
+_NODES, _RADII, _TURNS, _BOTH, _LISTS = 12, (8.0, 16.0, 32.0), 96, range(2), ("tip", "whole", "steps")
 _FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)  # far below a µm of the tip
 # Factors on the radii of the file and on `_FLOOR`, which is added, as enclosures here are wider in places: in turn.
 _ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
@@ -50,8 +52,7 @@ _RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "vis
 _FIXED: dict[str, Any] = {"payload": [0.0, 0.0], "force": [1.0, 1.0], "noise": [0.0, 0.0], "late": 0}
 _FIXED |= {"force_swing": 0.0, "force_course": 0.0}
 _DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
-_NONE = dict.fromkeys(("arm", "points", "start"))  # fields of a claim that have to be null
-_KNOWN: Any = {"case": "nominal", "path": "circle", "laps": "one", "later": []} | _NONE
+_KNOWN: Any = {"case": "nominal", "path": "circle"} | dict.fromkeys(("arm", "points", "start"))  # the last are null
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -74,23 +75,7 @@ class SecondCheck:
     bound: float  # of the tip error, found here [m]; nan without a proof
     about: str  # law, set and motion in words, by the numbers of the file
     seconds: float  # duration of the check
-
-    @property
-    def proven(self) -> bool:
-        """Whether the claim was derived again."""
-        return self.verdict == "PROVEN"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data for JSON."""
-        found = {"file": str(self.path), "checker": "second", "verdict": self.verdict, "proven": self.proven}
-        found["bound"] = self.bound if self.proven else None
-        return found | {"reason": self.reason, "about": self.about, "seconds": self.seconds}
-
-    def to_text(self) -> str:
-        """Return the result as text."""
-        said = f"tip within {1.0005e3 * self.bound:.4g} mm" if self.proven else ascii(self.reason)[1:-1]
-        verdict = f"{ascii(str(self.path))[1:-1]}: {self.verdict} by the second checker ({self.seconds:.1f} s)"
-        return f"{verdict}\n  {self.about}: {said}"
+    proven: bool  # whether the claim was derived again
 
 
 def check(path: Path) -> SecondCheck:
@@ -102,23 +87,22 @@ def check(path: Path) -> SecondCheck:
     except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: it is not a file of fuzzyarm prove: {error!r}") from None
 
-    def answer(verdict: str, reason: str, bound: float = math.nan) -> SecondCheck:
-        return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin)
-
-    if unknown:
-        return answer("NOT CHECKED", f"it does not know {unknown}")
-    done, most = 0, 0.0
+    verdict, reason, place, most = ("NOT CHECKED" if unknown else "PROVEN"), unknown, 0, 0.0
     try:
         with ctx.workprec(_BITS):
-            for done, found in enumerate(_Tube(claim), 1):
-                stated = [claim.tip[done - 1], *([claim.whole[done - 1]] if claim.whole else [])]
-                for one, other in zip(found, stated, strict=False):
+            tube: Any = () if unknown else _Tube(claim)
+            for place in tube:
+                stated = (claim.whole[place] if claim.whole else math.inf), claim.tip[place]
+                found = tube.step(place)
+                for one, other in zip(found, stated, strict=True):
                     if not one <= _LOOSER * min(other + _GRAIN, claim.bound):
                         raise _Refused(f"the tip error may reach {1e3 * one:.4g} mm, not {1e3 * other:.4g} mm")
-                most = max(most, *found[: len(stated)])
+                most = max(most, *found[not claim.whole :])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
-        return answer("NOT PROVEN", f"control step {done + 1}: {error}")
-    return answer("PROVEN", "", most)
+        lap = f" of lap {place // claim.count + 1}" if claim.ever else ""
+        verdict, reason = "NOT PROVEN", f"control step {place % claim.count + 1}{lap}: {error}"
+    bound, proven = (float(most), True) if verdict == "PROVEN" else (math.nan, False)
+    return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin, proven)
 
 
 class _Claim:
@@ -126,28 +110,31 @@ class _Claim:
 
     def __init__(self, document: dict[str, Any]) -> None:
         self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document.get("files")
+        law, _, margin = self.policy.removeprefix("shield:").partition(":any:")
+        self.law, self.guest = law, [abs(float(x)) for x in (margin or "0,0").split(",")]
         self.known = {name: document.get(name, value) for name, value in _KNOWN.items()}
         self.duration, self.bound = float(document["duration"]), float(document["bound"])
         self.plants: dict[str, Any] = _DEFAULTS | document["plants"]
-        self.tip, self.whole, self.steps = (document.get(name, []) for name in ("tip", "whole", "steps"))
-        if self.schema == _SCHEMAS[1] and len(self.whole) != len(self.tip):
-            raise LookupError("whole must have as many entries as tip")
+        self.ever, laps = document.get("laps") == "ever", [document, *document.get("later", [])]
+        self.tip, self.whole, self.steps = ([x for lap in laps for x in lap.get(name, ())] for name in _LISTS)
+        self.count, self.sizes = round(self.duration / _PERIOD), [[len(lap.get(n, ())) for n in _LISTS] for lap in laps]
 
     def unknown(self) -> str:
         """Return what of the claim this checker does not know; empty if it knows all of it."""
-        odd = [] if self.policy in _LAWS else [f"the law {self.policy!r}, only {' and '.join(_LAWS)}"]
+        odd = [] if self.law in _LAWS else [f"the law {self.law!r}, only {' and '.join(_LAWS)}"]
         odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
         odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value != _KNOWN[name]]
         odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
-        whole = abs(self.duration / _PERIOD - round(self.duration / _PERIOD)) < 1e-9
-        return ", ".join([*odd, *([] if whole else ["a duration of broken periods"])])
+        odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["a duration of broken periods"]
+        return f"it does not know {', '.join(odd)}" if odd else ""
 
     def words(self) -> str:
         """Return law, set and motion in words; the label of the file is not used."""
         said = [f"{name} {value}" for name, value in self.plants.items() if value != _DEFAULTS.get(name)]
         plants = f"with {', '.join(said)}" if said else "table-1"
-        motion = f"{len(self.tip)} samples of the {self.known['path']} in {self.duration:g} s"
-        return ascii(f"{self.policy}, set {plants}, {motion}")[1:-1]
+        samples = "all laps" if self.ever else f"{len(self.tip)} samples"
+        motion = f"{self.known['path']} in {self.duration:g} s"
+        return ascii(f"{self.policy}, set {plants}, {samples} of the {motion}")[1:-1]
 
 
 def _upper(x: Any) -> float:
@@ -188,14 +175,16 @@ def link_torque(c: list[Any], q: Any, v: Any, a: Any) -> list[Any]:
     return [first + c[3] * q[0].sin() + c[4] * sin12, second + c[4] * sin12]
 
 
+def _jacobian(f: Any, x: list[Any]) -> list[list[Any]]:
+    """Return ∂f/∂x (m, n): the linear terms of power series in each of x."""
+    along = ([arb_series([a, int(i == k)], prec=2) for i, a in enumerate(x)] for k in range(len(x)))
+    return [list(row) for row in zip(*([y[1] for y in f(series)] for series in along), strict=True)]
+
+
 def _link_slopes(c: list[Any], q: Any, v: Any, a: Any) -> list[list[list[Any]]]:
     """Return the derivatives of `link_torque` by q, q̇ and q̈, (2, 2) each."""
-    cos2, sin2, cos12 = q[1].cos(), q[1].sin(), (q[0] + q[1]).cos()
-    pull, k = c[4] * cos12, c[1] * sin2
-    bent = -k * (2 * a[0] + a[1]) - c[1] * cos2 * v[1] * (2 * v[0] + v[1]) + pull
-    angle = [[c[3] * q[0].cos() + pull, bent], [pull, c[1] * cos2 * v[0] * v[0] - k * a[0] + pull]]
-    speed = [[-2 * k * v[1], -2 * k * (v[0] + v[1])], [2 * k * v[0], arb(0)]]
-    return [angle, speed, [[c[0] + 2 * c[1] * cos2, c[2] + c[1] * cos2], [c[2] + c[1] * cos2, c[2]]]]
+    rows = _jacobian(lambda x: link_torque(c, x[:2], x[2:4], x[4:]), [*q, *v, *a])
+    return [[row[i : i + 2] for row in rows] for i in (0, 2, 4)]
 
 
 class _Plant:
@@ -218,10 +207,9 @@ class _Plant:
         links = [_lumped(robot, j) for j in _BOTH]
         self.c = [sum((middle["mass"][j] * links[j][i] for j in _BOTH), arb(0)) for i in range(5)]
         self.masses = {j: [half["mass"][j] * x for x in links[j]] for j in _BOTH if not half["mass"][j].is_zero()}
-        self.share = [  # ends of the dry friction's factor, relative to its middle
-            (1.0, 1.0) if wide.is_zero() else (_ends(1 - wide / at)[0], _ends(1 + wide / at)[1])
-            for wide, at in zip(half["dry_friction"], middle["dry_friction"], strict=True)
-        ]
+        pairs = zip(half["dry_friction"], middle["dry_friction"], strict=True)
+        shares = [wide if wide.is_zero() else wide / at for wide, at in pairs]
+        self.share = [(_ends(1 - share)[0], _ends(1 + share)[1]) for share in shares]  # ends of the friction's factor
         inner = ("motor_inertia", "viscous_friction", "stiffness", "damping")
         wide = {name: [half[name][j] * arb(robot[name][j]) for j in _BOTH] for name in inner}
         self.half = {name: np.array([0.0 if x.is_zero() else _upper(x) for x in both]) for name, both in wide.items()}
@@ -247,46 +235,26 @@ class _Plant:
         turn = _ends(self.stribeck / arb(2).sqrt())
         return min(a, c, -self.steepest(joint) if low <= turn[1] and high >= turn[0] else math.inf), max(b, d)
 
-    def weakest(self, joint: int, fastest: float) -> float:
-        """Return the least F up to a speed: it falls."""
-        return _ends(self.friction(joint, arb(max(fastest, 0.0))))[0]
+
+def _tip(q: list[Any], length: list[Any]) -> list[Any]:
+    """Return the tip (x, y), x downwards."""
+    parts = [(L * phi.cos(), L * phi.sin()) for L, phi in zip(length, (q[0], q[0] + q[1]), strict=True)]
+    return [a + b for a, b in zip(*parts, strict=True)]
 
 
-def _solved(J: list[list[Any]], x: list[Any]) -> list[Any]:
-    det = J[0][0] * J[1][1] - J[0][1] * J[1][0]
-    return [(J[1][1] * x[0] - J[0][1] * x[1]) / det, (J[0][0] * x[1] - J[1][0] * x[0]) / det]
-
-
-def _tip(q: list[Any], length: list[Any]) -> tuple[list[Any], list[list[Any]]]:
-    """Return the tip (x, y), x downwards, and its Jacobian."""
-    one, both = q[0], q[0] + q[1]
-    second = [-length[1] * both.sin(), length[1] * both.cos()]
-    tip = [length[0] * one.cos() + second[1], length[0] * one.sin() - second[0]]
-    return tip, [[-length[0] * one.sin() + second[0], second[0]], [length[0] * one.cos() + second[1], second[1]]]
-
-
-def _on_circle(t: Any, duration: float) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return p, ṗ, p̈ on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, by the quintic law."""
+def _on_circle(t: Any, duration: float) -> list[Any]:
+    """Return p on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, by the quintic law."""
     x = t / arb(duration)
-    s, ds = x**3 * (10 - 15 * x + 6 * x * x), 30 * (x * (1 - x)) ** 2 / arb(duration)
-    dds, turn, R = 60 * x * (1 - x) * (1 - 2 * x) / arb(duration) ** 2, -2 * arb.pi(), arb(0.2)
-    psi, rate, bend = arb.pi() / 2 + turn * s, turn * ds, turn * dds
-    along, out = [-R * psi.sin(), R * psi.cos()], [R * psi.cos(), R * psi.sin()]
-    bent = [bend * a - rate * rate * o for a, o in zip(along, out, strict=True)]
-    return [arb(0.35) + out[0], arb(0.65) + out[1]], [rate * a for a in along], bent
+    psi = arb.pi() / 2 - 2 * arb.pi() * x * x * x * (10 - 15 * x + 6 * x * x)
+    return [arb(0.35) + arb(0.2) * psi.cos(), arb(0.65) + arb(0.2) * psi.sin()]
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return q_d = p⁻¹, q̇_d = J⁻¹ ṗ, q̈_d = J⁻¹ (p̈ - J̇ q̇) with q2 > 0, in balls that hold the policy's floats."""
-    p, dp, ddp = _on_circle(arb(t), duration)
-    one, two = length
-    q2 = ((p[0] * p[0] + p[1] * p[1] - one * one - two * two) / (2 * one * two)).acos()
-    q = [arb.atan2(p[1], p[0]) - arb.atan2(two * q2.sin(), one + two * q2.cos()), q2]
-    J, both = _tip(q, length)[1], q[0] + q[1]
-    v = _solved(J, dp)
-    inner, outer = one * v[0] ** 2, two * (v[0] + v[1]) ** 2
-    turn = [inner * q[0].cos() + outer * both.cos(), inner * q[0].sin() + outer * both.sin()]
-    a = _solved(J, [x + y for x, y in zip(ddp, turn, strict=True)])
+    """Return q_d = p⁻¹ with q2 > 0, q̇_d and q̈_d by power series in time, in balls that hold the policy's floats."""
+    (x, y), (one, two) = _on_circle(arb_series([t, 1], prec=3), duration), length
+    q2 = ((x * x + y * y - one * one - two * two) / (2 * one * two)).acos()
+    series = [(y / x).atan() - (two * q2.sin() / (one + two * q2.cos())).atan(), q2]  # x > 0
+    q, v, a = ([factor * joint[i] for joint in series] for i, factor in enumerate((1, 1, 2)))
     size = _ULPS * (1.0 + sum(map(_upper, v)) + sum(_upper(x) ** 2 for x in v) + sum(map(_upper, a)))
     return [_about(x, _ULPS) for x in q], [_about(x, size) for x in v], [_about(x, size) for x in a]
 
@@ -329,26 +297,21 @@ class _Law:
             target.append((q[j] + (now - b * (rate - b * bend)) / stiff, velocity, acceleration))
             smooth.append(n.inertia[j] * acceleration + n.viscous[j] * velocity + now)
             middle = velocity + T * acceleration / 2
-            side = _sign_at_rest(self.robot, j) if not k else 1.0 if middle > 0 else -1.0 if middle < 0 else math.nan
-            if math.isnan(side):
-                raise _Refused("the sign of the friction in the law's feedforward is undecided")
+            sign = float(middle > 0) - float(middle < 0) or math.nan  # nan where it is undecided: refused as not finite
+            side = sign if self._before else _sign_at_rest(self.robot, j)
             slips.append(side * n.friction(j, middle))
         before, self._before = self._before or smooth, smooth
         u_ff = [s + (s - old) / 2 + slip for s, old, slip in zip(smooth, before, slips, strict=True)]
         u_ff = [_about(u, _ULPS * (1.0 + _upper(u)) + 1e-13) for u in u_ff]
         return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
-    def _slopes(self: Any, x: list[Any], r: list[Any]) -> list[list[Any]]:
-        """Return ∂u/∂(θ, θ̇, x_I) (2, 6) at x = (θ, θ̇, x_I): the linear terms of power series in each of them."""
-        along = ([arb_series([a, int(i == k)], prec=2) for i, a in enumerate(x)] for k in range(6))
-        return [list(row) for row in zip(*([u[1] for u in self._own(series, r)] for series in along), strict=True)]
-
     def respond(self: Any, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, Any, list[Any]]:
         """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
         (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
-        centre, rest = np.vectorize(lambda a: float(a.mid()))(self._slopes(x, r)), np.zeros(2)
-        for j, (slopes, gains) in enumerate(zip(self._slopes(wide, r), self._gains_at(wide), strict=True)):
+        near, far = (_jacobian(lambda y: self._own(y, r), y) for y in (x, wide))  # ∂u/∂(θ, θ̇, x_I), (2, 6)
+        centre, rest = np.vectorize(lambda a: float(a.mid()))(near), np.zeros(2)
+        for j, (slopes, gains) in enumerate(zip(far, self._gains_at(wide), strict=True)):
             # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
             sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in _less(wide, r)]))
             rest[j] = _distance(slopes, centre[j]) @ box + 2.0 * _ULPS * (sizes + 200.0 * sum(map(_upper, r)) + 1.0)
@@ -368,7 +331,7 @@ class _ComputedTorque(_Law):
 
     def _gains_at(self, x: list[Any]) -> list[list[Any]]:
         """Return the gains of (e, ė, x_I), (2, 6), which are M(q) times those of the law."""
-        n, w, rows = self.nominal, _OMEGA, _link_slopes(self.nominal.c, x, [0, 0], [0, 0])[2]
+        n, w, rows = self.nominal, _OMEGA, _link_slopes(self.nominal.c, x[:2], [arb(0)] * 2, [arb(0)] * 2)[2]
         rows = [[a + n.inertia[j] * int(i == j) for i, a in enumerate(row)] for j, row in enumerate(rows)]
         return [[factor * a for factor in (3 * w * w, 3 * w, w**3) for a in row] for row in rows]
 
@@ -491,14 +454,9 @@ def _above(matrix: Any) -> np.ndarray:
 _distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
-def _product(matrix: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """Return a product with many columns, block by block: no library starts threads for it."""
-    return np.hstack([matrix @ G[:, at : at + 1000] for at in range(0, max(G.shape[1], 1), 1000)])
-
-
 def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return bounds of |X G g|, with `own` added to the columns of the constants."""
-    image = _product(rows[0], G)
+    image = np.einsum("ij,jk", rows[0], G)
     image[:, : own.shape[1]] += own
     spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
     return np.asarray((np.abs(image).sum(axis=1) + spare * _UP) * _UP)
@@ -556,7 +514,7 @@ class _Friction:
         need, found = self.needed.range(), [0.0]
         for side, slowest, fastest in ((1, max(0.0, low), high), (-1, max(0.0, -high), -low)):
             if fastest > 0.0:
-                under, over = plant.weakest(j, fastest), _ends(plant.friction(j, arb(slowest)))[1]
+                under, over = _ends(plant.friction(j, arb(fastest)))[0], _ends(plant.friction(j, arb(slowest)))[1]
                 if side == self.side:
                     found.append(self.missed + plant.steepest(j) * tube_v + self.uncertain * over)
                 else:
@@ -574,7 +532,7 @@ class _Friction:
         """Return the least v̇ where v < 0, and the largest where v > 0."""
         net, weak = self.net.range(), self.share[0]
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
-        back, forth = (weak * self._plant.weakest(self.joint, x) for x in (-low, high))
+        back, forth = (weak * _ends(self._plant.friction(self.joint, arb(max(x, 0.0))))[0] for x in (-low, high))
         spare = 1e-10 * (abs(net[0]) + abs(net[1]) + spread + back + forth)
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
@@ -593,9 +551,9 @@ class _Tube:
     """The tube: iterating gives bounds of the tip error at the end of each control step, and at any instant of it."""
 
     def __init__(self, claim: _Claim) -> None:
-        self._claim, name = claim, claim.policy.removesuffix("-tip") + ".json"
+        self._claim, name = claim, claim.law.removesuffix("-tip") + ".json"
         self._law: Any = _ComputedTorque(_TABLE_1, claim.duration)
-        if claim.policy != "computed-torque-tip":
+        if claim.law != "computed-torque-tip":
             content = (_CONTROLLERS / name).read_bytes()
             if claim.files != {name: hashlib.sha256(content).hexdigest()}:
                 raise _Refused(f"{name} is not the controller file for which the bound was found")
@@ -603,39 +561,78 @@ class _Tube:
         if any(self._law.robot.get(field) != value for field, value in _TABLE_1.items()):
             raise _Refused(f"{name} is not for the arm of Table 1")
         self._plant = plant = _Plant(self._law.robot, claim.plants)
-        if not 1 <= len(claim.steps) == len(claim.tip) <= round(claim.duration / _PERIOD):
-            raise _Refused(
-                f"{len(claim.steps)} control steps and {len(claim.tip)} samples; their numbers must be equal, from 1 "
-                f"to {round(claim.duration / _PERIOD)}"
-            )
+        least = claim.count if claim.ever else 1
+        fits = [least <= a == c <= claim.count and b == a * _SCHEMAS.index(claim.schema) for a, b, c in claim.sizes]
+        if claim.ever != (len(fits) > 1) or not all(fits):
+            raise _Refused(f"(tip, whole, steps) of its laps are {claim.sizes}: not equal, {least} to {claim.count}")
         q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
         hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
         start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
         self._centre = [*(float(x.mid()) for x in start), *[0.0] * 4]
-        self._memory, self._known = [0.0, 0.0], [(0.0, 0.0)] * 2
-        # rows: ξ with δu, then x_I; columns: the constants, then what has disturbed the motion so far
-        self._G = np.zeros((12, len(plant.column)))
+        self._memory, self._known, self._begin = [0.0, 0.0], [(0.0, 0.0)] * 2, list[Any]()
+        # rows: ξ with δu, then x_I; columns: the constants, then what has disturbed the motion so far, each with a tag
+        self._G, self._tags, self._tag = np.zeros((12, len(plant.column))), np.zeros(0, dtype=int), 0
         self._move([start, [arb(0)] * 4])
         self._last = self._tip(0.0)
 
-    def __iter__(self) -> Iterator[tuple[float, float]]:
-        """Yield bounds of the tip error at the end of each control step, and during it [m]."""
-        for k, parts in enumerate(self._claim.steps):
-            torque, begun, most = self._sample(k), 0.0, 0.0
-            for part in parts:
-                most = max(most, self._cross(part, _PERIOD * k + begun, torque))
-                begun += part["duration"]
-            if begun != _PERIOD:
-                raise _Refused(f"its segments last {begun} s instead of {_PERIOD} s")
-            self._G[8:10] = 0.0
-            if k % 40 == 39:
-                self._prune()
-            yield self._last, most
+    def __iter__(self) -> Iterator[int]:
+        """Yield the numbers of control steps; the last lap of all is repeated until its end lies where it began."""
+        steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
+        while place < steps:
+            yield place
+            place += 1
+            if self._claim.ever and place % count == 0 and not self._is_inside() and place == steps:
+                place, again = place - count, again - 1
+                if not again:
+                    raise _Refused("the end of the last lap is not inside the set in which the lap began")
+
+    def step(self, place: int) -> tuple[float, float]:
+        """Take a control step; return bounds of the tip error during it and at its end [m]."""
+        self._tag = _ROW * (k := place % self._claim.count)
+        torque, begun, most = self._sample(k), 0.0, 0.0
+        for part in self._claim.steps[place]:
+            most = max(most, self._cross(part, _PERIOD * k + begun, torque))
+            begun += part["duration"]
+        if begun != _PERIOD:
+            raise _Refused(f"its segments last {begun} s instead of {_PERIOD} s")
+        self._G[8:10] = 0.0
+        if k % 40 == 39:
+            self._prune()
+        return most, self._last
+
+    def _is_inside(self) -> bool:
+        """Return whether the end of a lap lies in the set in which the lap began, and begin a lap in a set around it.
+
+        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G of the end. A later end has columns with the
+        same tags, which lie inside but for what differs, the rest. It is inside if B g' = rest has a solution: with
+        E = 1 - W B for W near B⁻¹, |g'| <= max |W rest| / (1 - |E|).
+        """
+        rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
+        point, G = np.array([*self._centre, *self._memory]), self._G[rows]
+        unit = np.abs(G).sum(axis=1) + 1e-12
+        if self._begin:
+            c, S, tags, B, before = self._begin
+            _, i, j = np.intersect1d(tags, self._tags, return_indices=True)
+            rest = np.column_stack([G, point - c])
+            rest[:, [*range(m), *(m + j)]] -= S[:, [*range(m), *(m + i)]]
+            W, sizes = np.linalg.inv(B), np.abs(S).sum(axis=1) + unit + np.abs(point - c)
+            wide = float((np.abs(W @ rest).sum(axis=1) + _SMALL * np.abs(W) @ sizes).max()) * _UP
+            left = (np.abs(np.eye(len(B)) - W @ B) + _SMALL * np.abs(W) @ np.abs(B)).sum(axis=1).max()
+            inside, share = wide < 1.0 - left, max(_SHARE, 2.0 * wide * before)
+        frame = unit[:, np.newaxis] * np.linalg.svd(G / unit[:, np.newaxis], full_matrices=False)[0]
+        B = frame * (share * np.abs(np.linalg.solve(frame, G)).sum(axis=1) + 1e-12)
+        self._begin, self._known = [point, G, self._tags, B, share], [(-math.inf, math.inf)] * 2
+        self._G = np.zeros((12, G.shape[1] + len(B)))
+        self._G[rows] = np.hstack([G, B])
+        self._tags, self._last = -1 - np.arange(self._G.shape[1] - m), self._tip(0.0)
+        return inside
 
     def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
         """Add a box around the first rows, and columns."""
         wide = np.eye(12)[:, : len(box)] * box
         self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
+        count = self._G.shape[1] - len(self._plant.column) - len(self._tags)
+        self._tags, self._tag = np.append(self._tags, self._tag + np.arange(count)), self._tag + count
 
     def _move(self, of: list[list[Any]]) -> None:
         """Measure deviations from the centre's floats instead of angles and velocities that differ by rounding."""
@@ -649,7 +646,7 @@ class _Tube:
         order = np.argsort(share)
         small = m + order[np.cumsum(share[order]) < 1e-4]
         box = np.abs(self._G[:, small]).sum(axis=1) * _UP
-        self._G = np.delete(self._G, small, axis=1)
+        self._G, self._tags = np.delete(self._G, small, axis=1), np.delete(self._tags, small - m)
         self._widen(box)
 
     def _sample(self, k: int) -> np.ndarray:
@@ -660,13 +657,15 @@ class _Tube:
         torque = np.array([float(u.mid()) for u in answer])
         rest += _SMALL * np.abs(slopes) @ box
         rest += [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
+        guest = np.array(self._claim.guest)  # |w| at most; a sum that is limited differs from a limited sum by less
+        rest += (guest + _ULPS * (np.abs(torque) + np.abs(slopes) @ box)) * _UP * (guest > 0.0)
         after = [x + arb(_PERIOD) * (arb(p) - a) for x, p, a in zip(self._memory, point[:2], aim, strict=True)]
         self._memory = [float(x.mid()) for x in after]
         left = [_upper(x - c) + _SMALL * abs(c) for x, c in zip(after, self._memory, strict=True)]
         self._G[8:10], self._G[10:12] = slopes @ G, G[4:6] + _PERIOD * G[:2]
         self._widen(np.concatenate([np.zeros(8), rest, left + _SMALL * (box[4:] + box[:2])]))
         reach = np.abs(torque) + np.abs(self._G[8:10]).sum(axis=1) * _UP
-        if not (reach < self._law.robot["torque_limit"]).all():
+        if not (reach - guest < self._law.robot["torque_limit"]).all():
             raise _Refused("a motor may reach its torque limit")
         return torque
 
@@ -690,7 +689,7 @@ class _Tube:
 
         others = [
             lambda x, v, a, _: [t - r for t, r in zip(pull(x, v), link_torque(p.c, x[2:], v[2:], a[2:]), strict=True)],
-            lambda x, _v, _a, t: [a - b for a, b in zip(_tip(x[2:], p.length)[0], _on_circle(t, T)[0], strict=True)],
+            lambda x, _v, _a, t: [a - b for a, b in zip(_tip(x[2:], p.length), _on_circle(t, T), strict=True)],
             lambda _x, v, _a, _t: [p.friction(j, v[j]) for j in _BOTH],
             *(lambda x, v, a, _, c=c: link_torque(c, x[2:], v[2:], a[2:]) for c in p.masses.values()),
         ]
@@ -831,7 +830,7 @@ class _Tube:
         E, quarter = _above(arb_mat((size_A * (h * _UP)).tolist()).exp()), (A * (arb(h) / 4)).exp()
         half = quarter * quarter
         phi, rows, feed, Sb, SAb = map(_floats, (half * half, S, D, S * b, SA * b))
-        moved = _product(phi[0], G)
+        moved = np.einsum("ij,jk", phi[0], G)
         box = (phi[1] + _SMALL / 4 * np.abs(phi[0])) @ np.abs(G).sum(axis=1) * _UP
         if m:  # ∫ e^{A (h - t)} b (level + slope s(t)) dt, by the series in A
             power = b * arb_mat(np.hstack([level, slope]).tolist())
@@ -869,13 +868,14 @@ class _Tube:
 
     def _tip(self, t: float) -> float:
         """Return a bound of |p(q) - p_r|: in `_TURNS` directions, with the quadratic remainder."""
-        tip, J = _tip([arb(x) for x in self._centre[2:4]], self._plant.length)
-        off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration)[0], strict=True)]
+        q, length = [arb(x) for x in self._centre[2:4]], self._plant.length
+        tip, J = _tip(q, length), _jacobian(lambda x: _tip(x, length), q)
+        off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration), strict=True)]
         offset, middle = math.hypot(*map(_upper, off)) * _UP, np.array([float(x.mid()) for x in off])
         turns = np.pi * np.arange(_TURNS) / _TURNS
         units, links = np.stack([np.cos(turns), np.sin(turns)], axis=1), self._G[2:4]
         (jacobian, left), radius = _floats(arb_mat(J)), np.abs(links).sum(axis=1) * _UP
-        reach = np.abs(_product(units @ jacobian, links)).sum(axis=1) * _UP
+        reach = np.abs(np.einsum("ij,jk", units @ jacobian, links)).sum(axis=1) * _UP
         corner = _UP / math.cos(0.5 * math.pi / _TURNS)
         wide = min(offset + reach.max() * corner, (np.abs(units @ middle) + reach).max() * corner + _SMALL * offset)
         missed = ((left + 4.0 * _SMALL * np.abs(jacobian)) @ radius).sum() + 1e-15

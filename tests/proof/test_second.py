@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flint import arb, ctx
+from scipy.optimize import linprog
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
@@ -18,7 +19,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound, problem_of
 from fuzzyarm.policies.tip_files import save_bound
 from fuzzyarm.proof import second
-from fuzzyarm.proof.tip.plant import SETS
+from fuzzyarm.proof.tip.plant import SETS, PlantSet
 
 STEPS, AT = 10, 6
 LAWS = ("fuzzy-4-tip", "fuzzy-4-sampled-tip", "computed-torque-tip")
@@ -61,7 +62,7 @@ FORGED = {
     "a motor that rests": (_held, "plan 'held'"),
     "another side": (lambda d: d["steps"][AT][0].update(plans=["slip", "slip"], modes=[1, 1]), "may stop"),
     "another centre": (_shift, "leaves the tube"),
-    "a missing step": (lambda d: d["steps"].pop(AT), "control steps"),
+    "a missing step": (lambda d: d["steps"].pop(AT), "not equal, 1 to 1500"),
     "a missing end": (lambda d: (d["steps"].pop(), d["steps"].append([])), "its segments last"),
     "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip error may reach"),
     "a smaller tip": (lambda d: d["tip"].__setitem__(AT, 0.9 * d["tip"][AT]), "the tip error may reach"),
@@ -174,7 +175,54 @@ def test_its_law_and_reference_are_the_policys(name, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ["table-1", "near"])
-@pytest.mark.parametrize("law", LAWS)
-def test_full_motions_are_proven_twice(law, name, tmp_path):
-    save_bound(find_bound(TipClaim(law, plants=SETS[name])), tmp_path / "bound.json")
+@pytest.mark.parametrize(
+    ("policy", "laps"), [(LAWS[0], "ever"), (LAWS[1], "ever"), (LAWS[2], "one"), ("shield:fuzzy-4-tip:any:4,2", "one")]
+)
+def test_full_motions_are_proven_twice(policy, laps, name, tmp_path):
+    save_bound(find_bound(TipClaim(policy, plants=SETS[name], laps=laps)), tmp_path / "bound.json")
     assert second.check(tmp_path / "bound.json").proven
+
+
+@pytest.mark.parametrize(
+    ("policy", "plants"),
+    [("computed-torque-tip", PlantSet(dry_friction=(0.0, 0.0))), ("shield:fuzzy-4-tip:any:4,2", SETS["table-1"])],
+    ids=["no dry friction", "guest"],
+)
+def test_bounds_of_other_kinds_are_proven(policy, plants, tmp_path):
+    path = tmp_path / "bound.json"
+    save_bound(find_bound(TipClaim(policy, plants=plants, steps=6)), path)
+    assert second.check(path).proven
+    document = json.loads(path.read_text())
+    document["policy"] = policy.replace("4,2", "5,2")
+    path.write_text(json.dumps(document | {"bound": document["bound"] * (1.0 if ":" in policy else 0.9)}))
+    assert second.check(path).verdict == "NOT PROVEN"
+
+
+@pytest.mark.parametrize("change", ["the same", "a little more", "much more", "another column", "moved", "constants"])
+def test_a_set_holds_the_end_of_a_lap_if_linear_programming_says_so(true, change):
+    """An end that is inside has for each of its points factors of at most 1, by a solver that knows nothing of it."""
+    rng = np.random.default_rng(0)
+    with ctx.workprec(second._BITS):
+        tube = second._Tube(second._Claim(json.loads(true.read_text())))
+        m, columns = len(tube._plant.column), rng.normal(size=(12, 40)) * np.logspace(-6, -3, 12)[:, np.newaxis]
+        columns[8:10] = 0.0
+        tube._G, tube._tags = np.hstack([tube._G[:, :m], columns]), np.arange(40)
+        assert not tube._is_inside()
+        held, centre = tube._G[[*range(8), 10, 11]].copy(), np.array([*tube._centre, *tube._memory])
+        later = np.hstack([tube._G[:, :m], columns])
+        later[:, m:] *= {"a little more": 1.0005, "much more": 1.01}.get(change, 1.0)
+        if change == "another column":
+            later[:8, m] = rng.normal(size=8) * np.logspace(-6, -3, 12)[:8]
+        if change == "constants":
+            later[:8, 0] += 1e-2
+        tube._centre[2] += 1e-3 if change == "moved" else 0.0
+        tube._G, tube._tags = later, np.arange(40)
+        shift = np.array([*tube._centre, *tube._memory]) - centre
+        inside = tube._is_inside()
+    assert inside == (change in ("the same", "a little more"))
+    rows, G, free = [*range(8), 10, 11], held[:, m:], held.shape[1] - m
+    scale = np.abs(G).sum(axis=1)
+    for signs in rng.choice([-1.0, 1.0], (20, 40 + m)) if inside else ():
+        point = shift + later[rows] @ np.roll(signs, m) - held[:, :m] @ np.roll(signs, m)[:m]
+        found = linprog(np.zeros(free), A_eq=G / scale[:, np.newaxis], b_eq=point / scale, bounds=(-1.0, 1.0))
+        assert found.status == 0
