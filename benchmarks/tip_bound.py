@@ -10,13 +10,14 @@ of one plant is integrated event by event, larger ones by the environment's inte
 friction is bang-bang at random frequencies of the loop, with and against the motion. Ratios count where the bound is
 above 1 µm. Ten minutes.
 
-With --files, only the files of the bounds are made, on all cores, which `fuzzyarm verify` checks. Exit code 1 if a bound
-is not the stored one.
+With --files, only the files of the bounds, which `fuzzyarm verify` checks, are made, on all cores. Exit code 1 if one
+differs from the stored one.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import gc
 import math
 import time
 from pathlib import Path
@@ -45,7 +46,7 @@ from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import SETS, PlantSet
 
 COUNTED = 1e-6  # [m], smallest bound that a ratio counts for
-WIDE = "stiffness ± 10 %, masses ± 5 %, dry friction ± 50 %"
+WIDE, LOADS = "stiffness ± 10 %, masses ± 5 %, dry friction ± 50 %", "payload 0 to 5 kg"
 MAGNIFIED = 25  # errors in the picture
 AGREES = 2e-5  # relative: bounds of the same proof; solvers and sums round otherwise on another processor, up to 5e-6
 EVERY = 10  # samples of the curves that are stored
@@ -73,75 +74,63 @@ CLAIMS = (
     _named("computed-torque", "table-1"),
     _named("computed-torque-tip", "table-1"),
     _named("fuzzy-1-tip", "table-1"),
-    _named("fuzzy-32-tip", "table-1"),
     _named("fuzzy-4-tip", "table-1", path="lemniscate", duration=2.0),
-    _named("fuzzy-4-tip", "table-1", duration=1.2),
     TipClaim("fuzzy-4-tip", "machining", "table-1", SETS["table-1"]),
-    TipClaim("fuzzy-4-tip", "payload", "table-1", SETS["table-1"]),
     _own("force ± 10 %, any course", case="machining", force_swing=0.1),
     _named("fuzzy-4-tip", "any-friction"),
     _named("fuzzy-4-tip", "near", laps="ever"),
     _named("fuzzy-4-tip", "near-late"),
     _named("fuzzy-4", "near", laps="ever"),
-    _own("stiffness ± 10 %", stiffness=(0.9, 1.1)),
     _named("fuzzy-4-sampled-tip", "table-1", laps="ever"),
-    _named("fuzzy-4-sampled-tip", "any-friction"),
     _named("fuzzy-4-sampled-tip", "near", laps="ever"),
-    _named("fuzzy-4-sampled-tip", "near-late"),
-    _own("stiffness ± 10 %", "fuzzy-4-sampled-tip", stiffness=(0.9, 1.1)),
-    _own("masses ± 2 %", mass=(0.98, 1.02)),
+    _own("stiffness ± 10 %", stiffness=(0.9, 1.1)),
     _own("masses ± 5 %", mass=(0.95, 1.05)),
     _own("dry friction ± 50 %", dry_friction=(0.5, 1.5)),
     _own(WIDE, stiffness=(0.9, 1.1), mass=(0.95, 1.05), dry_friction=(0.5, 1.5)),
-    _own(
-        "stiffness ± 5 %, masses ± 1 %, dry friction ± 50 %",
-        stiffness=(0.95, 1.05),
-        mass=(0.99, 1.01),
-        dry_friction=(0.5, 1.5),
-    ),
-    _own("payload 0 to 0.2 kg", payload=(0.0, 0.2)),
     _own("payload 0 to 0.5 kg", payload=(0.0, 0.5)),
-    _own("payload 0 to 5 kg", payload=(0.0, 5.0)),
+    _own(LOADS, payload=(0.0, 5.0)),
     _named("elastic-observer", "table-1"),
-    _named("elastic-observer", "any-friction"),
     _named("smooth-observer", "table-1", laps="ever"),
     _named("smooth-observer", "any-friction"),
     _named("smooth-observer", "near", laps="ever"),
-    _own("payload 0 to 5 kg", "smooth-observer", payload=(0.0, 5.0)),
+    _own(LOADS, "smooth-observer", payload=(0.0, 5.0)),
     _named("ppo-robust", "table-1"),
-    TipClaim("ppo-robust", "payload", "table-1", SETS["table-1"]),
-    _own("payload 0 to 10 g", "ppo-robust", payload=(0.0, 0.01)),
+    _own("payload 0 to 50 g", "ppo-robust", payload=(0.0, 0.05)),
     _own("stiffness ± 0.1 %", "ppo-robust", stiffness=(0.999, 1.001)),
     _named("ppo-residual", "table-1"),
-    _own("payload 0 to 1 g", "ppo-residual", payload=(0.0, 0.001)),
-    _own("payload 0 to 50 g", "ppo-robust", payload=(0.0, 0.05)),
     _own("payload 0 to 10 g", "ppo-residual", payload=(0.0, 0.01)),
-    _own("stiffness ± 0.1 %", "ppo-residual", stiffness=(0.999, 1.001)),
     *(_named(f"shield:fuzzy-4-tip:any:{margin}", "table-1") for margin in MARGINS),
     _named(GUESTS, "near"),
-    *(_own("payload 0 to 5 kg", guests, payload=(0.0, 5.0)) for guests in (GUESTS, SMOOTH_GUESTS)),
+    *(_own(LOADS, guests, payload=(0.0, 5.0)) for guests in (GUESTS, SMOOTH_GUESTS)),
 )
 """What is bounded."""
 
 CELLS: dict[str, list[Division]] = {
-    "payload 0 to 5 kg": [("payload", 16)],
-    WIDE: [("mass-2", 4)],
+    f"fuzzy-4-tip {LOADS}": [("payload", 8)],
+    f"fuzzy-4-tip {WIDE}": [("mass-2", 4)],
+    f"smooth-observer {LOADS}": [("payload", 4)],
+    f"{GUESTS} {LOADS}": [("payload", 8)],
+    f"{SMOOTH_GUESTS} {LOADS}": [("payload", 10)],
 }
-"""Sets that are divided: the fields, and into how many parts; cells without a tube are halved."""
-DRAWN_SETS = ("table-1", "any-friction", "near", "payload 0 to 5 kg", WIDE)
+"""Sets of policies that are divided: the fields, and into how many parts; cells without a tube are halved."""
+DRAWN_SETS = ("table-1", "any-friction", "near", LOADS, WIDE)
 DRAWN_POLICIES = (
     ("fuzzy-4-tip", "any-friction"),
-    ("fuzzy-4-sampled-tip", "any-friction"),
-    ("elastic-observer", "any-friction"),
-    ("elastic-observer", "table-1"),
+    ("smooth-observer", "any-friction"),
+    ("smooth-observer", "table-1"),
     ("ppo-robust", "table-1"),
     ("ppo-residual", "table-1"),
 )
 
 
+def cells_of(claim: TipClaim) -> list[Division] | None:
+    """Return how the set of a claim is divided; None if it is not."""
+    return CELLS.get(f"{claim.policy} {set_of(claim)}")
+
+
 def bounded(claim: TipClaim) -> tuple[TipBound, np.ndarray, int]:
     """Return the bound of a claim, or of its worst cell, the bound (samples,) [m] at each sample, and the cells."""
-    divisions = CELLS.get(set_of(claim))
+    divisions = cells_of(claim)
     if divisions is None:
         found = find_bound(claim)
         return found, found.tip, 1
@@ -227,7 +216,8 @@ def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
 
 def write_file(claim: TipClaim, out: Path) -> float:
     """Write the file of a bound, or those of its cells, on all cores, and of the whole; return the bound [mm]."""
-    divisions = CELLS.get(set_of(claim))
+    divisions = cells_of(claim)
+    gc.disable()  # a proof makes no cycles, and looking for them takes a tenth of its time
     if divisions is None:
         found = find_bound(claim)
         save_bound(found, out)
@@ -295,7 +285,7 @@ def main() -> None:
         options.files.mkdir(parents=True, exist_ok=True)
         known, moved = {_key(row): row["bound_mm"] for row in stored("tip_bound")["rows"]}, 0
         for jobs in (-1, 1):  # a process for each core; then those by cells, each of which has such processes itself
-            parts = [(x, options.files / name) for name, x in chosen.items() if (set_of(x) in CELLS) == (jobs == 1)]
+            parts = [(x, options.files / name) for name, x in chosen.items() if (cells_of(x) is None) == (jobs < 0)]
             made = Parallel(n_jobs=jobs, return_as="generator")(delayed(write_file)(*part) for part in parts)
             for (claim, _), bound in zip(parts, made, strict=True):
                 before = known[_key_of(claim)]

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from measuring import made_now, options_of, printed, write_rows
-from tip_bound import CELLS, CLAIMS, COUNTED, exact_errors, set_of
+from tip_bound import CLAIMS, COUNTED, cells_of, exact_errors, set_of
 from tip_plants import Plants, random_genes
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -30,9 +30,8 @@ GENERATIONS = 4
 PARENTS = 0.1  # share of the plants that are bred from
 MUTATED = 0.1  # share of the genes that are new
 SETS = {
-    "any-friction", "near", "near-late", "stiffness ± 10 %", "masses ± 2 %", "masses ± 5 %", "dry friction ± 50 %",
-    "stiffness ± 5 %, masses ± 1 %, dry friction ± 50 %", "payload 0 to 0.2 kg", "payload 0 to 0.5 kg",
-    "payload 0 to 1 g", "force ± 10 %, any course",
+    "any-friction", "near", "near-late", "stiffness ± 10 %", "masses ± 5 %", "dry friction ± 50 %",
+    "payload 0 to 0.5 kg", "force ± 10 %, any course",
 }  # fmt: skip
 BOX, LAPS = StartBox(5e-4, 2e-5, 0.01, 0.01, 2e-5), 3  # about 1 mm at the tip; how many laps are simulated of all
 OWN = (
@@ -45,7 +44,7 @@ OWN = (
 
 def claims() -> list[TipClaim]:
     """Return what is tried."""
-    whole = [claim for claim in CLAIMS if set_of(claim) not in CELLS]
+    whole = [claim for claim in CLAIMS if cells_of(claim) is None]
     return [*(claim for claim in whole if set_of(claim) in SETS or claim.policy.startswith("shield")), *OWN]
 
 

@@ -72,6 +72,12 @@ class Space:
         found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
+    def reach_of(self, row: np.ndarray) -> float:
+        """Return a bound of |r (ξ, g)| for one row (n,)."""
+        n, sizes = len(self._totals), np.abs(row)
+        found = np.abs(row[:n] @ self._columns).sum() + sizes[:n] @ self._box + sizes[n:].sum()
+        return float(found) * ROUND_UP
+
     def array(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return an empty array of numbers, as `numbers.functions.array` does."""
         return np.empty(shape, dtype=object)
@@ -246,7 +252,7 @@ class Affine:
     def reach(self) -> float:
         """Return a bound of |r (ξ, g)|."""
         if self._reach is None:
-            self._reach = float(self.space.reach(self.row[np.newaxis])[0])
+            self._reach = self.space.reach_of(self.row)
         return self._reach
 
     def range(self) -> tuple[float, float]:
@@ -367,7 +373,7 @@ class Affine:
 def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the sum of two rows, the shorter of which ends with zeros."""
     if len(a) == len(b):
-        return np.asarray(a + b)
+        return a + b  # type: ignore[no-any-return]
     longer, shorter = (a, b) if len(a) > len(b) else (b, a)
     total = longer.copy()
     total[: len(shorter)] += shorter
