@@ -88,6 +88,11 @@ TEXTS = {
         "timestamp,pos_meas0,pos_meas1,vel_meas0,vel_meas1,tau_meas0,tau_meas1,pos_des0,pos_des1",
         columns=[TIME, ANGLE, SPEED, TORQUE, 9.0 * ANGLE],
     ),
+    "measured beside filtered, velocities, commands": table(
+        "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,pos_filt1,pos_filt2,tau_con1,tau_con2,tau_fric1,tau_fric2,tau_meas1,"
+        "tau_meas2",
+        columns=[TIME, ANGLE, SPEED, 0.9 * ANGLE, 3.0 * TORQUE, 0.1 * TORQUE, TORQUE],
+    ),
     "joints by name": table("time,shoulder_position,elbow_position,shoulder_effort,elbow_effort"),
     "as PlotJuggler": table(
         "__time," + ",".join(f"{JOINTS}{joint}/{field}" for field in ("position", "effort") for joint in (1, 2))
