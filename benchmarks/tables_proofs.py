@@ -105,6 +105,7 @@ PROOFS = {
         "tip_bound",
         Table(
             {
+                "law": lambda row: f"`{row['policy'].split(':')[1]}`",
                 "margin [N m]": lambda row: row["policy"].rpartition(":")[2].replace(",", ", "),
                 "set": _plants_of_bound,
                 "proven for every guest [mm]": _if_proven(lambda row: at_most(row["bound_mm"], 3), "none"),
@@ -112,7 +113,7 @@ PROOFS = {
             },
             lambda document: [row for row in document["rows"] if row["policy"].startswith("shield:")],
         ),
-        "Guests of `fuzzy-4-tip`, nominal case: the largest tip error that is proven, and that of {plants} guests, "
+        "Nominal case: the largest tip error that is proven, and that of {plants} guests, "
         "each on a plant of the set, that switch between the ends of the margin. `{command}`",
     ),
     "tip-falsification": Section(
