@@ -107,7 +107,7 @@ CLAIMS = (
 CELLS: dict[str, list[Division]] = {
     f"fuzzy-4-tip {LOADS}": [("payload", 8)],
     f"fuzzy-4-tip {WIDE}": [("mass-2", 4)],
-    f"smooth-observer {LOADS}": [("payload", 4)],
+    f"smooth-observer {LOADS}": [("payload", 6)],
     f"{SMOOTH_GUESTS} {LOADS}": [("payload", 10)],
 }
 """Sets of policies that are divided: the fields, and into how many parts; cells without a tube are halved."""
