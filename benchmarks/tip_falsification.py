@@ -29,10 +29,7 @@ from fuzzyarm.proof.tip.plant import PlantSet
 GENERATIONS = 4
 PARENTS = 0.1  # share of the plants that are bred from
 MUTATED = 0.1  # share of the genes that are new
-SETS = {
-    "any-friction", "near", "near-late", "stiffness ± 10 %",
-    "payload 0 to 0.5 kg", "force ± 10 %, any course",
-}  # fmt: skip
+SETS = {"any-friction", "near", "near-late", "stiffness ± 10 %", "payload 0 to 0.5 kg", "force ± 10 %, any course"}
 BOX, LAPS = StartBox(5e-4, 2e-5, 0.01, 0.01, 2e-5), 3  # about 1 mm at the tip; how many laps are simulated of all
 OWN = (
     TipClaim("fuzzy-4-tip", "nominal", "force of any course to 3 N", PlantSet(force_course=3.0)),
