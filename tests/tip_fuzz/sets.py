@@ -160,7 +160,7 @@ def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.G
     payload, force = value("payload", 0), value("force", 0)
     courses = [rng.choice([-1.0, 1.0], (steps, 11)), np.repeat(rng.choice([-1.0, 1.0], (1, 11)), steps, axis=0)]
     course = courses[int(rng.integers(2))]
-    start = np.where(rng.uniform(size=20) < 0.5, -1.0, 1.0) if box else np.zeros(20)  # the first of them count
+    start = np.where(rng.uniform(size=40) < 0.5, -1.0, 1.0) if box else np.zeros(40)  # the first of them count
     return Sample(
         factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:9], course[:, 9:], start
     )
