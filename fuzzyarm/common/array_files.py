@@ -41,6 +41,10 @@ _OF_DAMAGE = (  # what zipfile, zlib, struct and NumPy's reading of a header rai
 )  # fmt: skip
 
 
+class _UnsupportedType(ValueError):
+    """An array has elements that are not read, such as Python objects."""
+
+
 def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.ndarray]:
     """Return the arrays of a file by name; a single array has none, "".
 
@@ -70,7 +74,8 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
             if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
                 raise
             reason = escaped(" ".join(str(error).split())[:160]) or type(error).__name__
-            raise DocumentError(f"{path} is damaged ({reason})") from None
+            said = f"{path}: {reason}" if isinstance(error, _UnsupportedType) else f"{path} is damaged ({reason})"
+            raise DocumentError(said) from None
 
 
 def _check_directory(file: BinaryIO, size: int) -> None:
@@ -117,7 +122,7 @@ def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
         shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
     fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
     if any(field.kind not in _KINDS or field.names is not None for field in fields):
-        raise ValueError(f"it has an array of the unsupported type {dtype}"[:160])
+        raise _UnsupportedType(f"{name[:40]!r} has the type {str(dtype)[:40]}; save arrays of numbers or text")
     needed, left = math.prod(shape) * dtype.itemsize, size - stream.tell()
     if min(shape, default=0) < 0 or needed != left:
         raise ValueError(f"{name[:40]!r} has {left} bytes; needed: {needed}, for the shape {shape} of {dtype}"[:160])

@@ -287,8 +287,10 @@ def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
     if len(columns) < _FEWEST_COLUMNS:
         found = f"its arrays ({listing(arrays)}) give {len(columns)} column(s) of numbers"
         raise ValueError(f"{found}; needed: time, angles and torques in arrays of equal length{_SAVED}")
-    headed = any(name and not name.isdigit() for name in columns)
-    return Table(list(columns), {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
+    one_group = len({name.rpartition("/")[0] for name in columns}) == 1  # such as log/q and log/tau
+    names = [name.rpartition("/")[2] if one_group else name for name in columns]
+    headed = any(name and not name.isdigit() for name in names)
+    return Table(names, {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
 
 
 def _matlab(content: bytes) -> dict[str, np.ndarray]:

@@ -87,7 +87,7 @@ BAD = {
     "a negative shape": (lambda: archive(header((-2, -1)) + bytes(16)), "has 16 bytes; needed: "),
     "no Unicode": (lambda: archive(header((), "<U1") + b"\x00\xd8\x00\x00"), "no Unicode"),
     "neither true nor false": (lambda: archive(header((), "|b1") + b"\x07"), "neither true nor false"),
-    "objects": (lambda: archive(header((), "|O") + b"\x07"), "an array of the unsupported type object"),
+    "objects": (lambda: archive(header((), "|O") + b"\x07"), "has the type object; save arrays of numbers"),
     "an npy file": (npy, "does not end like a zip archive"),
     "nothing": (lambda: b"", "too short"),
     "a bomb": (lambda: archive(bytes(10**9), compression=zipfile.ZIP_DEFLATED), "does not unpack to the"),
