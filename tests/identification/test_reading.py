@@ -120,7 +120,7 @@ def test_arrays_and_bags_give_the_log_that_was_written(kind, tmp_path):
     path, columns = tmp_path / "log.npz", {}
     match kind:
         case "group":
-            np.savez(path, **{"log/time": TIME, **{f"log/{name}": part for name, part in parts.items()}})
+            np.savez(path, **{"log/time": TIME, "log/q": ANGLE, "log/tau": TORQUE})
         case "matrices" | "rows":
             parts = {"q": ANGLE, "tau": TORQUE}
             np.savez(path, time=TIME, **{name: part if kind == "matrices" else part.T for name, part in parts.items()})
