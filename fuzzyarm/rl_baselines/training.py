@@ -108,17 +108,19 @@ class Training:
             begun = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start again") from None
+            raise CheckpointError(
+                f"{folder / CHECKPOINT} was written by another version of fuzzyarm: {error}; start again"
+            ) from None
         if type(begun) is not type(config):
-            raise CheckpointError(f"{folder} holds a training with {found['algorithm']}; choose another folder")
+            raise CheckpointError(f"{folder} holds a training run with {found['algorithm']}; choose another folder")
         was, now = begun.to_dict(), config.to_dict()
         free = ("total_timesteps", "checkpoint_interval")  # on which what is learned does not depend
         other = [name for name in {**was, **now} if name not in free and was.get(name) != now.get(name)]
         if other:
             name = other[0]
             raise CheckpointError(
-                f"{folder} holds a training with {name} = {shown(was.get(name))}, not {shown(now.get(name))}: give the "
-                "options with which it began, or choose another folder"
+                f"{folder} holds a training run with {name} = {shown(was.get(name))}, not {shown(now.get(name))}: give "
+                "the options with which it began, or choose another folder"
             )
         if config.total_timesteps < done:
             raise ValueError(
@@ -128,8 +130,8 @@ class Training:
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
             raise CheckpointError(
-                f"{folder} holds a training of a different arm from {config.robot} as it is now: restore the file of "
-                "the arm, or start again in another folder"
+                f"{folder} holds a training run for a different arm: {config.robot} has changed since. Restore the "
+                "arm's file, or start again in another folder"
             )
         try:
             training.rows, training.best, training._earlier = progress_in(found)

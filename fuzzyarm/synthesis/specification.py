@@ -77,7 +77,7 @@ class Specification:
                 object.__setattr__(self, name, real(name, getattr(self, name), unit, low=low, high=high))
         if self.fastest_pole is not None:
             if self.form != "consistent":
-                raise ValueError("fastest_pole goes with the consistent form: leave it out, or choose that form")
+                raise ValueError("fastest_pole applies only to the consistent form: leave it out, or choose that form")
             if self.fastest_pole <= self.first_alpha:
                 raise ValueError(
                     f"fastest_pole = {self.fastest_pole:g} 1/s is out of range; allowed: above alpha, "

@@ -150,8 +150,8 @@ DAMAGED = {
     "a byte": (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?"), "is damaged"),
     "foreign": (lambda path: path.write_bytes(b"PK"), "is no checkpoint of this version"),
     "older": (lambda path: path.write_bytes(b"fuzzyarm-checkpoint/1 0\n"), "is no checkpoint of this version"),
-    "empty": (lambda path: write_checkpoint(path, {"config": {}}), "is of another version"),
-    "a list": (lambda path: write_checkpoint(path, {"config": [1]}), "is of another version"),
+    "empty": (lambda path: write_checkpoint(path, {"config": {}}), "was written by another version"),
+    "a list": (lambda path: write_checkpoint(path, {"config": [1]}), "was written by another version"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),
 }
 
