@@ -44,7 +44,7 @@ class Options:
     """The settings that the other options change"""
 
     def run(self) -> int:
-        """Train a policy, or continue a training."""
+        """Train a policy, or continue a training run."""
         with claimed_folder(self.out):
             try:
                 train_with_progress(_config(self), self.out)

@@ -74,7 +74,7 @@ _PAPER = (
 )
 
 PAPER_CASES: tuple[str, ...] = tuple(case.name for case in _PAPER)
-"""The cases of the paper. Evaluations, trainings and comparisons use these unless other cases are named."""
+"""The cases of the paper. Evaluations, training runs and comparisons use these unless other cases are named."""
 
 CASES = Registry[Case](__name__, {case.name: case for case in _PAPER})
 """All known cases by name; `add_case` adds one."""
