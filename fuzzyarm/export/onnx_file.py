@@ -25,7 +25,7 @@ from fuzzyarm.numbers.symbols import Branch, For, Index, Region, Store, Symbol
 
 __all__ = ["export_onnx"]
 
-_MOST = 50_000  # operations: a runtime takes a minute to load as many
+_MOST = 200_000  # operations: a runtime takes a minute to load as many
 _OPSET, _IR = 17, 8  # read by onnxruntime since 2022
 _DOUBLE, _INT64 = 11, 7  # types of elements, see onnx.TensorProto
 _OPERATORS: dict[str, tuple[str, Any]] = {

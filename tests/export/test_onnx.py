@@ -28,6 +28,7 @@ def first_memory(model, lanes):
 
 
 SIZES = {"fuzzy-4": (64, 50), "fuzzy-4-tip": (1000, 1000), "elastic-observer": (1000, 1000), "ppo-nominal": (64, 50)}
+SIZES |= dict.fromkeys(("ppo-robust", "learned-observer", "adaptive-observer"), (3, 50))
 
 
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], [*SIZES]))

@@ -74,7 +74,7 @@ def test_what_is_no_state_is_refused_by_name():
         (
             PASSES.begin_pass,
             dataclasses.replace(passes, memory=np.zeros((2, 7))),
-            f"has a memory of 7 numbers; needed: {SIZE}",
+            f"has a memory of 7 numbers, but this policy needs {SIZE}",
         ),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), "must be the PassState"),
         (LEARNING.begin_pass, None, "= None must be the LearnedTorque that predict"),
