@@ -302,7 +302,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
             raise ValueError(
-                "some lanes of this state wait for a reset; make the environment with the autoreset_mode of the state"
+                "some lanes in this state are waiting for a reset; make the environment with the autoreset_mode "
+                "with which the state was saved"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
         self.lanes.set_state(state, over)

@@ -171,8 +171,8 @@ def _long(logs: Sequence[Log]) -> list[Log]:
     if not found:
         longest = max(log.duration for log in logs)
         raise ValueError(
-            f"no part of the logs between gaps is longer than {_SHORTEST:g} s, as a prediction for {HORIZON:g} s needs "
-            f"(longest: {longest:.3g} s); record without gaps, or name another time with --columns time=NAME"
+            f"a prediction over {HORIZON:g} s needs a part without gaps that is longer than {_SHORTEST:g} s, but the "
+            f"longest one is {longest:.3g} s; record without gaps, or choose another time with --columns time=NAME"
         )
     return found
 

@@ -140,7 +140,9 @@ def test_states_and_copies_remember_which_lanes_wait(mode):
     expected = goes_on(envs)
     assert all(identical(goes_on(twin), expected) for twin in twins)
     same = batch("SameStep", reference=[SHORT, LONGER, LONGER, SHORT], disturbance=NOISY)
-    with pytest.raises(ValueError, match="wait for a reset; make the environment with the autoreset_mode of the state"):
+    with pytest.raises(
+        ValueError, match="waiting for a reset; make the environment with the autoreset_mode with which the state"
+    ):
         same.set_state(state)
 
 

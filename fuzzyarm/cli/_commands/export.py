@@ -90,7 +90,7 @@ def _problem(options: Options) -> Any:
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
     if not isinstance(arm, ArmParameters | None):
-        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; only two-joint arms have an automaton")
+        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; only two-joint arms are exported as automata")
     start = None if options.start is None else StartBox.of(options.start)
     claim = TipClaim(options.policy, plants=find_set(options.set or "near"), start=start, arm=arm)
     return problem_of(claim)

@@ -142,5 +142,5 @@ def _check_reach(curve: Spline, robot: Robot) -> None:
         where = ", ".join(f"{number:.4g}" for number in points[k].tolist())
         raise ValueError(
             f"point ({where}) m is {distance[k]:.4g} m from the base; allowed: {low:.4g} to {high:.4g} m, the reach of "
-            f"the arm: move the points by {outside[k]:.2g} m or more, or choose a path by name, which suits the arm"
+            f"the arm: move the points by {outside[k]:.2g} m or more, or choose a named path, which fits every arm"
         )

@@ -210,7 +210,7 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     def limit(delay: float, side: int) -> float:
         found = limits(delay)[side]
         if math.isnan(found):
-            raise ValueError("unstable at its own loop gain")
+            raise ValueError("unstable at the nominal loop gain")
         if found in (0.0, math.inf):
             raise ValueError(
                 f"stable at every loop gain tried, {'up' if found else 'down'} to "
