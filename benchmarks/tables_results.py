@@ -124,16 +124,18 @@ def _speeds(bench: dict[str, Any]) -> str:
     rows = {row["group"]: row for row in bench["rows"] if row["ratios"]}
     one, many = _speed(rows["one environment"], "Pendulum"), _speed(rows["1024 lanes"], "MuJoCo arm")
     return (
-        f"**Speed**, control steps a second: {one[0]} thousand with one arm ({one[1]} times Gymnasium's Pendulum), "
-        f"{many[0]} thousand with 1024 arms ({many[1]} times the same arm in MuJoCo at equal tip accuracy). Not "
+        f"**Speed**, control steps a second: {one[0]} with one arm ({one[1]} times Gymnasium's Pendulum), "
+        f"{many[0]} with 1024 arms ({many[1]} times the same arm in MuJoCo at equal tip accuracy). Not "
         "compared: GPU simulators; the torch version has not been run on a GPU. "
         f"`{bench['command']}`; {made_with(bench)}"
     )
 
 
 def _speed(row: dict[str, Any], peer: str) -> tuple[str, str]:
-    """Return the speed of a row [1000/s], and how many times that of a peer it is."""
-    return f"{1e-3 * row['steps_per_s']['median']:,.0f}", f"{row['ratios'][peer]['median']:.3g}"
+    """Return the speed of a row [1/s] in words, and how many times that of a peer it is."""
+    speed = row["steps_per_s"]["median"]
+    words = f"{1e-6 * speed:.1f} million" if speed >= 1e6 else f"{round(speed, -3):,.0f}"
+    return words, f"{row['ratios'][peer]['median']:.3g}"
 
 
 def _leaderboard(document: dict[str, Any], bounds: dict[str, Any]) -> str:
