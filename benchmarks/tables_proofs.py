@@ -113,7 +113,7 @@ PROOFS = {
             },
             lambda document: [row for row in document["rows"] if row["policy"].startswith("shield:")],
         ),
-        "Nominal case: the largest tip error that is proven, and that of {plants} guests, "
+        "Nominal case: the proven bound on the tip error, and the largest tip error with {plants} guests, "
         "each on a plant of the set, that switch between the ends of the margin. `{command}`",
     ),
     "tip-falsification": Section(

@@ -132,7 +132,7 @@ def _speeds(bench: dict[str, Any]) -> str:
 
 
 def _speed(row: dict[str, Any], peer: str) -> tuple[str, str]:
-    """Return the speed of a row [1/s] in words, and how many times that of a peer it is."""
+    """Return the speed of a row [control steps/s] in words, and its ratio to the speed of a peer."""
     speed = row["steps_per_s"]["median"]
     words = f"{1e-6 * speed:.1f} million" if speed >= 1e6 else f"{round(speed, -3):,.0f}"
     return words, f"{row['ratios'][peer]['median']:.3g}"

@@ -208,7 +208,7 @@ def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
 
 
 def write_file(claim: TipClaim, out: Path) -> float:
-    """Write the file of a bound, or those of its cells, on all cores, and of the whole; return the bound [mm]."""
+    """Write the file of a bound, or one file for each cell and one for the whole set; return the bound [mm]."""
     divisions = cells_of(claim)
     if divisions is None:
         found = find_bound(claim)

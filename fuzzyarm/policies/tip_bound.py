@@ -267,6 +267,19 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     return Problem(parameters, start, reference, schedule, PERIOD, sampled, claim.plants, plant, claim.start, margin)
 
 
+@contextlib.contextmanager
+def _uncollected() -> Iterator[None]:
+    """Look for no cycles of objects: a proof makes none, and looking takes a tenth of its time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@_uncollected()
 def find_bound(
     claim: TipClaim,
     advance: Callable[[], object] = lambda: None,
@@ -285,26 +298,8 @@ def find_bound(
         NoBound: there is no bound; the message says when and why it fails.
         ValueError: a name is unknown, or the case's tip force or payload does not fit the arm.
     """
-    with _uncollected():
-        return _found_bound(problem_of(instance("claim", claim, TipClaim), policy), claim, advance, claims)
-
-
-@contextlib.contextmanager
-def _uncollected() -> Iterator[None]:
-    """Look for no cycles of objects: a proof makes none, and looking takes a tenth of its time."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-def _found_bound(
-    problem: Problem, claim: TipClaim, advance: Callable[[], object], claims: Sequence[LapClaim] | None
-) -> TipBound:
     begin = time.perf_counter()
+    problem = problem_of(instance("claim", claim, TipClaim), policy)
     name, laps, ever = plain(claim.policy), list[_Lap](), claim.laps == "ever"
     start: LapSet | None = None
     for number in range(1, _MOST_LAPS + 1):

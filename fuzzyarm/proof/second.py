@@ -52,7 +52,8 @@ _RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "vis
 _FIXED: dict[str, Any] = {"payload": [0.0, 0.0], "force": [1.0, 1.0], "noise": [0.0, 0.0], "late": 0}
 _FIXED |= {"force_swing": 0.0, "force_course": 0.0}
 _DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
-_KNOWN: Any = {"case": "nominal", "path": "circle"} | dict.fromkeys(("arm", "points", "start"))  # the last are null
+_KNOWN: Any = {"case": ("nominal",), "path": ("circle",), "laps": ("one", "ever")}  # values of a claim, defaults first
+_KNOWN |= dict.fromkeys(("arm", "points", "start"), (None,))
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
     "viscous_friction": [0.14, 0.14], "gravity": 9.81, "motor_inertia": [2.71, 0.5], "stiffness": [6.4e4, 1.2e4],
@@ -86,7 +87,6 @@ def check(path: Path) -> SecondCheck:
         unknown = claim.unknown()
     except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: it is not a file of fuzzyarm prove: {error!r}") from None
-
     verdict, reason, place, most = ("NOT CHECKED" if unknown else "PROVEN"), unknown, 0, 0.0
     try:
         with ctx.workprec(_BITS):
@@ -112,10 +112,10 @@ class _Claim:
         self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document.get("files")
         law, _, margin = self.policy.removeprefix("shield:").partition(":any:")
         self.law, self.guest = law, [abs(float(x)) for x in (margin or "0,0").split(",")]
-        self.known = {name: document.get(name, value) for name, value in _KNOWN.items()}
+        self.known = {name: document.get(name, values[0]) for name, values in _KNOWN.items()}
         self.duration, self.bound = float(document["duration"]), float(document["bound"])
         self.plants: dict[str, Any] = _DEFAULTS | document["plants"]
-        self.ever, laps = document.get("laps") == "ever", [document, *document.get("later", [])]
+        self.ever, laps = self.known["laps"] == "ever", [document, *document.get("later", [])]
         self.tip, self.whole, self.steps = ([x for lap in laps for x in lap.get(name, ())] for name in _LISTS)
         self.count, self.sizes = round(self.duration / _PERIOD), [[len(lap.get(n, ())) for n in _LISTS] for lap in laps]
 
@@ -123,7 +123,7 @@ class _Claim:
         """Return what of the claim this checker does not know; empty if it knows all of it."""
         odd = [] if self.law in _LAWS else [f"the law {self.law!r}, only {' and '.join(_LAWS)}"]
         odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
-        odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value != _KNOWN[name]]
+        odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value not in _KNOWN[name]]
         odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
         odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["a duration of broken periods"]
         return f"it does not know {', '.join(odd)}" if odd else ""

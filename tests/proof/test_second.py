@@ -90,7 +90,11 @@ def test_the_set_is_that_of_the_numbers(true, tmp_path):
 
 def test_what_it_does_not_know_is_named(true, tmp_path, capsys):
     document, path = json.loads(true.read_text()), tmp_path / "other.json"
-    for change, word in (({"policy": "elastic-observer"}, "elastic-observer"), ({"case": "payload"}, "case")):
+    for change, word in (
+        ({"policy": "elastic-observer"}, "elastic-observer"),
+        ({"case": "payload"}, "case"),
+        ({"laps": "ten"}, "laps"),
+    ):
         path.write_text(json.dumps(document | change))
         found = second.check(path)
         assert found.verdict == "NOT CHECKED" and word in found.reason and not found.proven

@@ -56,7 +56,7 @@ class Options:
         angles = ", ".join(f"{angle:.4g}" for angle in models.posture)
         stable = f"stable from {lower:.2f} to {upper:.2f} times its loop gain, one sample later to {later:.2f} times"
         if math.isnan(lower):
-            stable = "unstable with its own loop gain"
+            stable = "unstable at the nominal loop gain"
         say(f"at q = ({angles}) rad, sampled every {1e3 * period:g} ms: spectral radius {models.radius:.4f}, {stable}")
         say("\n".join(f"written to {file}" for file in files))
         return 0

@@ -47,7 +47,7 @@ class Options:
                 found = check_bound(path) if is_bound(path) else verify_file(path)
                 reports.append((found.proven, found.to_text(), found.to_dict()))
                 if self.twice:
-                    reports.append(_told(second.check(path)))
+                    reports.append(_report_of(second.check(path)))
                 advance()
         if self.json:
             say_json([data for _, _, data in reports])
@@ -56,7 +56,7 @@ class Options:
         return 0 if all(proven for proven, _, _ in reports) else 1
 
 
-def _told(found: SecondCheck) -> tuple[bool, str, dict[str, Any]]:
+def _report_of(found: SecondCheck) -> tuple[bool, str, dict[str, Any]]:
     """Return whether the second checker proves a bound, and its outcome as text and as plain data."""
     said = f"tip within {1.0005e3 * found.bound:.4g} mm" if found.proven else escaped(found.reason)
     verdict = f"{escaped(str(found.path))}: {found.verdict} by the second checker ({found.seconds:.1f} s)"

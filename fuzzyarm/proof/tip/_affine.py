@@ -73,7 +73,7 @@ class Space:
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def reach_of(self, row: np.ndarray) -> float:
-        """Return a bound of |r (ξ, g)| for one row (n,)."""
+        """Return the bound of `reach` for one row (n,), faster than in blocks."""
         n, sizes = len(self._totals), np.abs(row)
         found = np.abs(row[:n] @ self._columns).sum() + sizes[:n] @ self._box + sizes[n:].sum()
         return float(found) * ROUND_UP
