@@ -36,15 +36,15 @@ GROUPS = {
         "leaderboard": "Rank the policies of several evaluations.",
         "score": "Score policies on episodes that are never used in training.",
     },
-    "Describe the arm": {
+    "Know the arm": {
         "robot": "Write the file of a robot from its URDF or MJCF model.",
         "identify": "Find the parameters of an arm in a log of its motors.",
     },
     "Design controllers": {
-        "tune": "Find the parameters of all model-based policies for an arm.",
+        "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
-        "verify": "Prove controller files and files of bounds again.",
-        "prove": "Prove a bound on the tip error of the elastic arm.",
+        "verify": "Prove controller files, and files of bounds, again.",
+        "prove": "Prove a bound of the tip error on the elastic arm.",
         "margins": "Measure how far policies are from instability.",
         "linearise": "Write A, B, C, D of a policy's loop for other tools.",
         "show": "Print the law of a policy and its gains, as numbers.",
@@ -57,7 +57,7 @@ GROUPS = {
     "Study": {
         "sweep": "Run policies on thousands of different plants.",
         "paper": "Reproduce the paper's figures and numbers.",
-        "bench": "Compare steps per second with other environments.",
+        "bench": "Measure steps per second beside other environments.",
     },
 }
 """The line of each command in the help, by name, under the heading of its group."""
@@ -74,12 +74,12 @@ _NEXT = {
     "margins": "fuzzyarm evaluate --policy NAME",
     "linearise": "python-control and MATLAB read the files; see the documentation",
     "show": "fuzzyarm export c NAME --out DIR",
-    "export": "compile the source and check it with the test vectors",
+    "export": "compile the source, and compare it with the vectors beside it",
     "train": "fuzzyarm score --policy DIR/policy",
     "dataset": "python examples/clone_policy.py FOLDER learns from it",
     "sweep": "fuzzyarm leaderboard DIR",
-    "paper": "read paper.md for every number and why it differs",
-    "bench": "--lanes-sweep --out DIR measures speed over the number of arms",
+    "paper": "read paper.md: every number, and why it differs",
+    "bench": "with --lanes-sweep --out DIR, speed over the number of arms",
 }
 """What may come after a command, for readers of a terminal; `evaluate` and `tune` say it themselves."""
 

@@ -115,7 +115,7 @@ def _notes(stored: Evaluation, stride: int) -> dict[str, str]:
         f"seeds: {config.seeds} · control period {1e3 * config.control_period:g} ms · "
         f"policies: {len(config.policies)}, cases: {len(config.cases)}",
         "sampling": f"Replay and curves show {samples} of seed 0 in single precision"
-        + (", on a band from the smallest to the largest tip error over all seeds" if several else "")
+        + (", on a band from the smallest to the largest tip error of any seed" if several else "")
         + "; charts and table use the full data.",
         "glance_note": "" if stored.complete else " of the policies that finished; × ended early",
         "table_note": f"Medians over {config.seeds} seeds, with ranges." if several else "",

@@ -162,7 +162,7 @@ def test_the_range_over_the_seeds_is_embedded(evaluation):
     np.testing.assert_allclose(low[700:], 0.5 * run.tip_error[700:], rtol=1e-6)
     np.testing.assert_allclose(high[700:], run.tip_error[700:], rtol=1e-6)  # the third seed has ended
     np.testing.assert_allclose(high[:700], np.maximum(run.tip_error[:700], runs[2].tip_error), rtol=1e-6)
-    assert "on a band from the smallest to the largest tip error over all seeds" in _render_page(stored)
+    assert "on a band from the smallest to the largest tip error of any seed" in _render_page(stored)
 
 
 @pytest.mark.parametrize("theme", [0, 1])
