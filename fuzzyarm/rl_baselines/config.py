@@ -28,7 +28,7 @@ class TrainingConfig:
     """
 
     distribution: _Distribution = "robust"
-    """What each episode draws: with robust plant, payload, force, initial state and reference, as in FuzzyArmLearn-v0;
+    """What each episode draws: robust draws plant, payload, force, initial state and reference, like FuzzyArmLearn-v0;
     nominal is Case 1 on the paper's circle, or a robot's default path."""
     base: str = "none"
     """Policy whose target the action shifts, such as fuzzy-4-tip; with none, actions are torques."""
