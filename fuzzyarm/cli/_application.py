@@ -34,7 +34,7 @@ GROUPS = {
         "evaluate": "Run policies on the elastic arm; write a table and figures.",
         "report": "Make one HTML page of an evaluation, with a replay.",
         "leaderboard": "Rank the policies of several evaluations.",
-        "score": "Score policies on episodes that no training draws.",
+        "score": "Score policies on episodes that are never used in training.",
     },
     "Know the arm": {
         "robot": "Write the file of a robot from its URDF or MJCF model.",

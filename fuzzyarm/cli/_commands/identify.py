@@ -25,40 +25,41 @@ __all__ = ["Options"]
 class Options:
     """Find the parameters of an arm in logs of its motors, with 95 % intervals from several logs.
 
-    Least squares on the inverse dynamics give the rigid arm; for two joints the output error refines it. Held-out logs
-    decide whether springs are told. Parameters that no log tells keep their values from --robot and are listed. The
-    exit code is 1 if one of them is inertial, or if the arm explains little of the logs. With --suggest: write a motion
-    to record first.
+    Least squares on the inverse dynamics give the rigid arm; for two joints, the output error method refines it.
+    Held-out logs decide whether springs are identified. Parameters that the logs do not determine keep their values
+    from --robot and are listed. The exit code is 1 if one of them is inertial, or if the arm explains little of the
+    logs. With --suggest: write a motion to record first.
     """
 
     log: Annotated[tuple[Path, ...], Parameter(name="", metavar="LOG...")] = ()
-    """Logs of one arm, recorded alike: time, angles, torques and perhaps velocities of its joints, in text with columns
-    (CSV and its kind), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3 or folder)"""
+    """Logs of one arm, recorded in the same way: time, angles, torques and perhaps velocities of its joints, as text
+    with columns (CSV and similar), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3 or
+    folder)"""
     _: KW_ONLY
     columns: Annotated[str | None, Parameter(metavar="ROLE=NAME,...")] = None
-    """Columns whose names are not understood: time=stamp,q1=shoulder,tau1=load1,..., also by number (q1=2); dq1 is a
-    velocity, topic that of a bag (default: by their names)"""
+    """Columns whose names are not recognised: time=stamp,q1=shoulder,tau1=load1,... or by number (q1=2); dq1 is a
+    velocity, topic is the topic of a bag (default: by their names)"""
     units: Annotated[str | None, Parameter(metavar="KIND=UNIT,...")] = None
-    """Units of time, q, dq and tau, or of one joint's, or their sizes in SI units: q=deg,tau2=0.12 (default: those of
-    the heading, else s, rad, rad/s, N m)"""
+    """Units of time, q, dq and tau, or of those of one joint, by name or by size in SI units: q=deg,tau2=0.12 (default:
+    those in the heading, else s, rad, rad/s, N m)"""
     gear: Annotated[tuple[float, ...], Parameter(metavar="RATIO", negative="")] = ()
-    """Reduction of the motors if the log is that of the motors' side, for all joints, or repeated for each (default:
-    the log is that of the joints' side)"""
+    """Gear reduction if the log was recorded on the motors' side: one for all joints, or repeated for each (default:
+    the log was recorded on the joints' side)"""
     delay: Annotated[float, Parameter(metavar="SECONDS")] = 0.0
-    """Time by which the log has torques later than the angles that belong to them"""
+    """Time by which torques in the log are later than the angles that belong to them"""
     apply: Annotated[bool, Parameter(negative="")] = False
-    """Read the logs by the conventions that seem likely: units, signs, zeros and order of the joints"""
+    """Read the logs with the conventions that seem likely: units, signs, zeros and order of the joints"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Arm to start from, a name or a TOML file: lengths or frames, limits and, for two joints, masses are taken from it
-    (default: Table 1 of the paper)"""
+    """Initial arm, a name or a TOML file: provides lengths or frames, limits and, for two joints, masses (default:
+    Table 1 of the paper)"""
     stribeck: Annotated[bool, Parameter(negative="")] = False
-    """Search friction that is larger at rest too; it counts only if the error on held-out logs falls"""
+    """Also search for friction that is larger at rest; it counts only if the error on held-out logs falls"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of the arm to write (default: none)"""
     figure: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """Picture of measured and simulated angles to write (.png; default: none)"""
+    """Figure of measured and simulated angles to write (.png; default: none)"""
     suggest: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """Write a motion to record, in place of reading a log: time, angles, velocities, accelerations and the torques that
+    """Write a motion to record, instead of reading a log: time, angles, velocities, accelerations and the torques that
     they need (.csv)"""
     duration: Annotated[float | None, Parameter(metavar="SECONDS")] = None
     """Duration of the motion to record, 4 to 120 s (default: 20)"""

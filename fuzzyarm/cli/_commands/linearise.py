@@ -19,8 +19,8 @@ __all__ = ["Options"]
 class Options:
     """Linearise the loop of a policy with the sampled elastic arm at a posture, as fuzzyarm margins does.
 
-    Writes A, B, C, D of plant, open loop and closed loop, discrete in time, as linear.npz and linear.mat, and figures
-    of step responses and Bode diagrams.
+    Writes the matrices A, B, C, D of plant, open loop and closed loop in discrete time, as linear.npz and linear.mat,
+    and figures of step responses and Bode diagrams.
     """
 
     policy: Annotated[str, Parameter(name="", metavar="NAME|FILE")]
@@ -28,7 +28,7 @@ class Options:
     learned policy's folder"""
     _: KW_ONLY
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder for the files, made if needed"""
+    """Folder for the files, created if needed"""
     at: Annotated[str | None, Parameter(metavar="Q1,Q2,...")] = None
     """Joint angles of the posture [rad] (default: where the arm's default path begins)"""
     control_period: Annotated[float, Parameter(metavar="SECONDS")] = 1e-3

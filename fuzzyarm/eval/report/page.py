@@ -116,7 +116,7 @@ def _notes(stored: Evaluation, stride: int) -> dict[str, str]:
         f"policies: {len(config.policies)}, cases: {len(config.cases)}",
         "sampling": f"Replay and curves show {samples} of seed 0 in single precision"
         + (", on a band from the smallest to the largest tip error of any seed" if several else "")
-        + "; charts and table are of the full data.",
+        + "; charts and table use the full data.",
         "glance_note": "" if stored.complete else " of the policies that finished; × ended early",
         "table_note": f"Medians over {config.seeds} seeds, with ranges." if several else "",
     }
@@ -132,5 +132,5 @@ def _made(stored: Evaluation) -> dict[str, str]:
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
         "commit": str(made["commit"] or "none"),
         "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
-        "report": f"fuzzyarm report, FuzzyArm {__version__}; this file fetches nothing",
+        "report": f"fuzzyarm report, FuzzyArm {__version__}; this page loads nothing from the network",
     }

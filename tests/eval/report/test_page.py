@@ -119,8 +119,8 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
 def test_certificates_are_there_in_words(evaluation, text):
     assert "and not for the sampled elastic arm" in text and NOT_COVERED in text
     words = escape(evaluation.certificates["fuzzy-4"])
-    assert f"<summary>fuzzy-4: error decays at least as exp(−20 t)</summary><p>{words}</p>" in text
-    assert "Nothing is proven of the rigid arm: computed-torque." in text
+    assert f"<summary>fuzzy-4: error decays at least as fast as exp(−20 t)</summary><p>{words}</p>" in text
+    assert "Nothing is proven about the rigid arm with computed-torque." in text
 
 
 def headline(stored):
