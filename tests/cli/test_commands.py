@@ -183,7 +183,7 @@ def test_another_arm_is_that_of_plant_and_policy(tmp_path, capsys):
     assert main([*MARGINS, "--robot", str(robot)]) == 0
     out = capsys.readouterr().out
     assert out.splitlines()[1].split().count("unstable") == 8
-    assert "computed-torque, no 'loop gain from' or 'to' or 'to, one sample later': unstable at the" in out
+    assert "computed-torque has no 'loop gain from' or 'to' or 'to, one sample later': unstable at the" in out
 
 
 @pytest.mark.usefixtures("unmeasured")

@@ -77,7 +77,8 @@ def print_results(evaluation: Evaluation, console: Console) -> None:
     Sheet(headings, rows).print(console)
     lines = [f"Tip error, rms / largest [mm]{several}; * smallest rms error of a case."]
     if near:
-        lines.append("near: Case 1 repeated for ever, every arm near Table 1; fuzzyarm prove --set near --laps ever")
+        bound = "bound on the tip error [mm], Case 1 repeated for ever, every arm near Table 1"
+        lines.append(f"proven (near): {bound}; see fuzzyarm prove --set near --laps ever")
     print_paragraphs(console, ["\n".join(lines)])
 
 
