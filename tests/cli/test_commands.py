@@ -76,7 +76,7 @@ def test_an_infeasible_design_writes_nothing_and_exits_with_1(tmp_path, capsys):
     arguments = ["--rules", "1", "--no-integral", "--alpha", "400", "--gain-bound", "1e5", "--out", str(path)]
     assert main(["design", *arguments]) == 1
     error = one_line_error(capsys)
-    assert re.search(r"largest that works is about \d", error) and "gain bound 100000 N m/rad" in error
+    assert re.search(r"alpha to about \d.*, the largest that works", error) and "gain bound 100000 N m/rad" in error
     assert not path.exists()
 
 
