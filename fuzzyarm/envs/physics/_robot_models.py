@@ -266,7 +266,7 @@ class _Model:
         """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
-                f"it has no drive, and the model cannot state a joint stiffness: add [joints.{name}] to the overlay"
+                f"it has no drive, and the model cannot state a drive's stiffness: add [joints.{name}] to the overlay"
             )
         values, differs = self._stated(name, number)
         given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}

@@ -77,7 +77,7 @@ _ALL = (
            lambda r: 1e3 * r.tip_error.max(), column="tip error max",
            swept=lambda e: 1e3 * e.largest, key="max_mm", words="largest tip error"),
     Metric("tip_error_max_mid_mm", "mm",
-           "The same without the first and the last 0.1 s, in which loads set in and fade; of all steps if the "
+           "The maximum without the first and the last 0.1 s, in which loads set in and fade; of all steps if the "
            "episode is no longer than that.", lambda r: 1e3 * _middle(r).max(),
            column="max but for 0.1 s at the ends"),
     Metric("tip_error_rms_mm", "mm", "Root mean square of the distance between the tip and its reference.",
@@ -94,8 +94,8 @@ _ALL = (
     Metric("circularity_motor_max_mm", "mm", "Largest of the same quantity.",
            lambda r: 1e3 * r.circularity_error_motor.max()),
     Metric("joint_error_rms_mrad", "mrad",
-           "Root mean square of q_a - q_d over all joints. It is an error if the policy moves the motors along the "
-           "reference, but not if it moves the tip along it.", lambda r: 1e3 * _rms(r.q_motor - r.q_reference)),
+           "Root mean square of q_a - q_d over all joints. It measures an error only if the policy moves the motors, "
+           "not the tip, along the reference.", lambda r: 1e3 * _rms(r.q_motor - r.q_reference)),
     _PEAK_1, _PEAK_2, _RMS_1, _RMS_2,
     Metric("torque_rate_rms", "N m/s",
            "Root mean square of the change of torque from step to step over the control period, all joints.",

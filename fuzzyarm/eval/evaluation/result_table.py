@@ -120,7 +120,7 @@ def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[st
         elif certificates[policy] is not None:
             lines.append(f"{policy}: its certificate is void along this path; see fuzzyarm show {policy}")
     others = [policy for policy, text in certificates.items() if text is None]
-    return [*lines, *([f"nothing proven of the rigid arm: {', '.join(others)}"] if others else [])]
+    return [*lines, *([f"nothing proven for the rigid arm: {', '.join(others)}"] if others else [])]
 
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
@@ -141,7 +141,7 @@ def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
     """Return headings and the cells of each policy; declarations and certificates in words are given by label."""
-    return [(*ROW, "proven of the rigid arm")] + [
+    return [(*ROW, "proven for the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()
     ]

@@ -34,7 +34,7 @@ def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapp
         if text is not None
     ]
     if without := ", ".join(name for name, text in certificates.items() if text is None):
-        parts.append(f'<p class="note">Nothing is proven of the rigid arm: {escape(without)}.</p>')
+        parts.append(f'<p class="note">Nothing is proven for the rigid arm: {escape(without)}.</p>')
     return "".join(parts)
 
 
@@ -71,7 +71,7 @@ def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> s
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
     sentences = "".join(f"<li>{escape(plain(check.claim.policy))}: {escape(check.sentence)}.</li>" for check in checks)
     return (
-        '<section aria-labelledby="tubes"><h2 id="tubes">Proven of the tip</h2>'
+        '<section aria-labelledby="tubes"><h2 id="tubes">Proven for the tip</h2>'
         f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(_TUBE_NOTE)}</p></section>'
     )
 

@@ -89,12 +89,12 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     if any(finding.policy == FUZZY and finding.chosen is not None for finding in findings):
         proven = (
             f"{FUZZY}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous time; "
-            f"`fuzzyarm verify {FUZZY}.json` proves it again and says what it means. Nothing is proven of the others."
+            f"`fuzzyarm verify {FUZZY}.json` proves it again and says what it means. Nothing is proven for the others."
         )
     parts += ["## Margins", Sheet(head, rows).markdown(), *margin_notes(margins), "## Proven", proven]
     parts += [_bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
     if not isinstance(arm, ArmParameters):
-        parts.append("Nothing is proven of the tip: `fuzzyarm prove` supports only two-joint arms.")
+        parts.append("Nothing is proven for the tip: `fuzzyarm prove` supports only two-joint arms.")
     return "\n\n".join(filter(None, parts)) + "\n"
 
 

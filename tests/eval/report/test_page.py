@@ -120,7 +120,7 @@ def test_certificates_are_there_in_words(evaluation, text):
     assert "and not for the sampled elastic arm" in text and NOT_COVERED in text
     words = escape(evaluation.certificates["fuzzy-4"])
     assert f"<summary>fuzzy-4: error decays at least as exp(−20 t)</summary><p>{words}</p>" in text
-    assert "Nothing is proven of the rigid arm: computed-torque." in text
+    assert "Nothing is proven for the rigid arm: computed-torque." in text
 
 
 def headline(stored):
