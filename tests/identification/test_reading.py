@@ -270,7 +270,7 @@ REFUSED = [
         table(columns=[TIME, ANGLE * [np.nan, 1.0], TORQUE]),
         "column q1 contains no numbers; choose another column with",
     ),
-    ("log.csv", table(columns=[TIME, 1e300 * ANGLE, TORQUE]), "angle holds a number of magnitude"),
+    ("log.csv", table(columns=[TIME, 1e300 * ANGLE, TORQUE]), "angle contains a number of magnitude"),
     ("log.npy", pickled(), "'log.npy' has the type object; save arrays of numbers"),
     ("log.npz", zipped(pickled()), "has the type object; save arrays of numbers"),
     ("log.npz", b"PK\x03\x04" + bytes(100), "is damaged"),

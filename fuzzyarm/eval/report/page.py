@@ -81,7 +81,8 @@ def _headline(ranked: Sequence[Standing], config: EvaluationConfig) -> str:
     if not best:
         return f"Every policy lost the path: {_named(lost)}."
     worst = " in the worst case" if len(config.cases) > 1 else ""
-    said = f"{_named(best)} {'errs' if len(best) == 1 else 'err'} least{worst}: {ranked[0].cells[0]} mm at the tip"
+    verb = "has" if len(best) == 1 else "have"
+    said = f"{_named(best)} {verb} the smallest error{worst}: {ranked[0].cells[0]} mm at the tip"
     average = " (interquartile mean over the seeds with its 95 % interval)" if config.seeds > 1 else ""
     return (
         f"{said}{f'; {_named(lost)} lost the path' if lost else ''}. "

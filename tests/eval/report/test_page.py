@@ -132,18 +132,21 @@ RULE = "Policies are ranked by their largest tip error over all cases"
 
 def test_the_sentence_names_the_leader_of_the_leaderboard(evaluation, folder, text):
     first, *_ = rank_policies([folder]).standings
-    said = f"{first.policy} errs least in the worst case: {first.cells[0]} mm at the tip. {RULE}."
+    said = f"{first.policy} has the smallest error in the worst case: {first.cells[0]} mm at the tip. {RULE}."
     assert headline(evaluation) == said and f'id="headline">{escape(said)}</p>' in text
 
 
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (lambda run: [run], "fuzzy-4 errs least: 3.90 mm at the tip. " + RULE + "."),
-        (lambda run: [run, scaled(run, "twin", 1.0)], "fuzzy-4 and twin err least: 3.90 mm at the tip. " + RULE + "."),
+        (lambda run: [run], "fuzzy-4 has the smallest error: 3.90 mm at the tip. " + RULE + "."),
+        (
+            lambda run: [run, scaled(run, "twin", 1.0)],
+            "fuzzy-4 and twin have the smallest error: 3.90 mm at the tip. " + RULE + ".",
+        ),
         (
             lambda run: [run, wild(run, "a", 700), scaled(run, "b", 0.1), wild(run, "c", 9)],
-            "b errs least: 0.390 mm at the tip; a and c lost the path. " + RULE + ".",
+            "b has the smallest error: 0.390 mm at the tip; a and c lost the path. " + RULE + ".",
         ),
         (lambda run: [wild(run, "a", 700), scaled(run, "far", 100.0)], "Every policy lost the path: a and far."),
     ],
