@@ -145,10 +145,10 @@ def _found(level: float, d: float, steepest: float, where: str, V: str, apart: s
     """Return a set in words, for V <= steepest |e|² where only e is not zero."""
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
-        f"From a set of starts it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
-        f"instant{apart}: V = {V} never rises above {at_least(level, _DIGITS)} (SI units) from a start at or below it, "
-        f"and this ellipsoid lies in the box. It holds every start at |e| <= {at_least(start, 3)} rad where only e is "
-        "not zero."
+        f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
+        f"instant{apart}: V = {V} never rises above {at_least(level, _DIGITS)} (SI units) if it is initially at or "
+        f"below it, and this ellipsoid lies in the box. It contains every state with |e| <= {at_least(start, 3)} rad "
+        "in which only e is nonzero."
     )
     return InvariantSet(level, d, start, words)
 

@@ -79,7 +79,7 @@ class Period:
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
-            raise NoBound("the set has any friction, but a friction plan of the file assumes a friction law")
+            raise NoBound("the set allows any friction, but a friction plan of the file assumes a friction law")
         try:
             return self._closed(start, known, list(claim.plans), claim.tube)
         except PlanFails as failed:
