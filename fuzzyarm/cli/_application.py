@@ -70,7 +70,7 @@ _NEXT = {
     "identify": "fuzzyarm tune --robot FILE --out DIR",
     "design": "fuzzyarm evaluate --policy FILE --policy FILE-tip",
     "verify": "fuzzyarm margins --policy FILE",
-    "prove": "fuzzyarm verify FILE, where FILE is that of --out",
+    "prove": "fuzzyarm verify FILE, for a FILE written by --out",
     "margins": "fuzzyarm evaluate --policy NAME",
     "linearise": "python-control and MATLAB read the files; see the documentation",
     "show": "fuzzyarm export c NAME --out DIR",

@@ -239,7 +239,7 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
     if short not in known:
         raise ValueError(
             f"unknown unit {shown(text)} for {kind}; give --units {kind}=UNIT, where UNIT is one of {', '.join(known)} "
-            "or its size in SI units" + ", such as the torque constant if it is A: tau=0.12" * (kind == "tau")
+            "or the unit's size in SI units" + ", such as the torque constant for A: tau=0.12" * (kind == "tau")
         )
     if kind not in given and known[short] != 1.0:
         table.remarks.append(f"{kind} is in {text}, according to the heading")

@@ -299,7 +299,7 @@ REFUSED = [
         "\n".join(["@RELATION arm", "", "@ATTRIBUTE q1 NUMERIC", "@DATA", *ROWS[1:]]),
         "its heading @DATA has 1; write 5 names in the line above the numbers",
     ),
-    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "such as the torque constant if it is A: tau=0.12"),
+    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "such as the torque constant for A: tau=0.12"),
     (
         "log.csv",
         table(columns=[TIME, ANGLE, np.where(np.arange(COUNT)[:, np.newaxis] % 15 == 7, -9999.0, TORQUE)]),

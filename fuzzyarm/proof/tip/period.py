@@ -143,7 +143,7 @@ class Period:
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
         raise NoBound(
-            f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with the tube"
+            f"no tube was found: the wider it is, the larger the torque {torques[worst]:.3g} on {_NAMES[worst]}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
