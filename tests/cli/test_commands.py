@@ -50,7 +50,7 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     arguments = ["--policy", "computed-torque", "computed-torque-tip", "--case", "nominal", "--out", str(out)]
     assert main(["evaluate", "--robot", str(file), *arguments]) == 0
     (line,) = without_progress(capsys.readouterr().err).splitlines()
-    assert line.startswith(f"{file} leaves out mass, inertia, gravity, motor_inertia, ")
+    assert line.startswith(f"{file} does not set mass, inertia, gravity, motor_inertia, ")
     assert line.endswith(", velocity_limit: taken from Table 1 of the paper")
     assert "torque_limit" in line and "viscous_friction" not in line and " length" not in line
     arm = json.loads((out / "results.json").read_text())["arm"]

@@ -81,7 +81,7 @@ class Options:
         arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
-            raise UsageError(f"--theorem {self.theorem} is for the two-joint arm; for {arm.name}, use semidefinite")
+            raise UsageError(f"--theorem {self.theorem} is for two-joint arms; use semidefinite for {arm.name}")
         output_file(self.out, ".json")
         if self.rules is not None and self.keep is not None:
             raise UsageError(f"--rules {self.rules} and --keep {self.keep} both choose the premises; leave out one")
@@ -122,7 +122,7 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
         "--no-integral": not options.integral,
     }.items():
         if present:
-            raise UsageError(f"{option} is not for --theorem semidefinite, the default for robots; leave it out")
+            raise UsageError(f"{option} does not apply to --theorem semidefinite, the default for robots; leave it out")
     return ScheduledSpecification(
         premises=None if options.keep is None else tuple(map(_premise, filter(None, options.keep.split(",")))),
         rules=min(4, 2 ** (joints - 1)) if options.rules is None else options.rules,

@@ -80,7 +80,7 @@ class Options:
             if self.out is not None or self.figure is not None:
                 raise UsageError("--out and --figure need a LOG; leave them out with --suggest")
         elif self.duration is not None:
-            raise UsageError("--duration is for --suggest only; a LOG has its own")
+            raise UsageError("--duration is for --suggest only; leave it out with a LOG")
         arm = chosen_arm(self.robot, None)
         if self.suggest is None:
             return _identify(self, arm)
@@ -98,7 +98,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import suggested
 
-    with status("searching a motion"):
+    with status("searching for a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
     use, condition = motion.largest(), motion.condition()
     write_atomically(options.suggest, motion.to_csv())
@@ -109,7 +109,8 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
         return 0
     say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
     for (name, (first, second)), unit in zip(use.items(), ("rad", "rad/s", "N m"), strict=True):
-        say(f"largest {name}: {first:.3g} and {second:.3g} of {limits[name][0]:g} and {limits[name][1]:g} {unit}")
+        limit = limits[name]
+        say(f"largest {name}: {first:.3g} and {second:.3g} {unit}; limits: {limit[0]:g} and {limit[1]:g} {unit}")
     say(f"written to {options.suggest}")
     return 0
 
@@ -135,7 +136,7 @@ def _logs(options: Options) -> list[Log]:
         logs += read_log(path, columns=columns, units=units, gear=options.gear, delay=options.delay)
         joints, first = logs[-1].angle.shape[1], logs[0].angle.shape[1]
         if joints != first:
-            raise ValueError(f"{path} has {joints} joints, but {options.log[0]} has {first}; give logs of one arm")
+            raise ValueError(f"{path} has {joints} joints, but {options.log[0]} has {first}; give logs of the same arm")
     return logs
 
 
@@ -164,21 +165,21 @@ def _identify(options: Options, start: AnyArm) -> int:
         if doubt.doubtful:
             said.append(
                 f"conventions: {doubt.sentence()}. "
-                + ("The logs are read so" if options.apply else "--apply reads the logs so")
+                + ("This reading is used" if options.apply else "To use this reading, add --apply")
             )
         elif options.apply:
             said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:
-        raise UsageError("--apply and --stribeck are for the two-joint arm only, not for robots; leave them out")
+        raise UsageError("--apply and --stribeck are for two-joint arms only; leave them out for other robots")
     try:
         with progress("steps", None) as advance:
             found = identify(logs, start, advance, stribeck=options.stribeck)
     except ValueError as error:
         if doubt is None or not doubt.doubtful or options.apply:
             raise
-        raise ValueError(f"{error}. But {doubt.sentence()}; --apply uses this reading") from None
+        raise ValueError(f"{error}. However, {doubt.sentence()}; to use this reading, add --apply") from None
     if options.out is not None:
         write_atomically(options.out, found.to_toml())
     if options.figure is not None:

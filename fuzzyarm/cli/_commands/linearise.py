@@ -54,7 +54,7 @@ class Options:
         lower, upper = models.limits()
         later = models.limits(1.0).upper
         angles = ", ".join(f"{angle:.4g}" for angle in models.posture)
-        stable = f"stable from {lower:.2f} to {upper:.2f} times its loop gain, one sample later to {later:.2f} times"
+        stable = f"stable from {lower:.2f} to {upper:.2f} times its loop gain (to {later:.2f} with a sample of delay)"
         if math.isnan(lower):
             stable = "unstable at the nominal loop gain"
         say(f"at q = ({angles}) rad, sampled every {1e3 * period:g} ms: spectral radius {models.radius:.4f}, {stable}")
@@ -66,4 +66,4 @@ def _angles(text: str) -> list[float]:
     try:
         return [float(angle) for angle in text.split(",")]
     except ValueError:
-        raise UsageError(f"--at {text} must be joint angles [rad] with commas between, such as 0.5,1.2") from None
+        raise UsageError(f"--at {text} must be joint angles [rad] separated by commas, such as 0.5,1.2") from None

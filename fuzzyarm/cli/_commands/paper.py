@@ -40,7 +40,7 @@ class Options:
 
         if self.renew and self.expected:
             raise UsageError(
-                "--renew writes new stored numbers and --expected compares with old ones; give one of them"
+                "--renew writes new stored numbers and --expected compares with old ones; give only one of them"
             )
         stored = None if self.renew else report.load_expected(self.expected or report.EXPECTED)
         if self.renew:

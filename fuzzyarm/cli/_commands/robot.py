@@ -101,7 +101,7 @@ def _tip(text: str | None) -> Any:
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
-        raise UsageError(f"--tip {text} must be a name, or three numbers X,Y,Z [m]") from None
+        raise UsageError(f"--tip {text} must be a name or three numbers X,Y,Z [m]") from None
     return x, y, z
 
 
@@ -109,14 +109,15 @@ def _ask(model: Path, lacking: Lacking) -> None:
     """Print what a model lacks, and typical values with their sources."""
     from fuzzyarm.envs.physics.from_model import UNITS, typical
 
-    say(f"{model} does not say:\n" + "\n".join(f"  {line}" for line in str(lacking).splitlines()))
+    say(f"{model} does not give:\n" + "\n".join(f"  {line}" for line in str(lacking).splitlines()))
     for robot, values, sources in typical(lacking.quantities):
-        say(f"\ntypical, {robot}, joints from the base on:")
+        say(f"\ntypical values, from {robot}, joint by joint from the base:")
         for quantity, numbers in values.items():
             say(f"  {quantity} = {', '.join(f'{number:.3g}' for number in numbers)} {UNITS[quantity]}")
         say("\n".join(f"  source: {text}" for text in sources))
     say(f"\n{_NOT_MODELLED}")
     say(
-        "nothing was written: give each with --set KEY=VALUE or JOINT.KEY=VALUE, or the rest with --like ROBOT",
+        "nothing was written: give each value with --set KEY=VALUE or --set JOINT.KEY=VALUE, or use --like ROBOT "
+        "to take the rest from a shipped robot",
         error=True,
     )

@@ -50,7 +50,7 @@ class Options:
             try:
                 train_with_progress(_config(self), self.out)
             except KeyboardInterrupt:
-                say("fuzzyarm train: interrupted; the same command goes on from the last checkpoint", error=True)
+                say("fuzzyarm train: interrupted; run this command again to continue from the checkpoint", error=True)
                 return 130
         say(f"written to {self.out / 'policy'}")
         return 0

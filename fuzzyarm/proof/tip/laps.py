@@ -90,7 +90,7 @@ class StartBox:
     def columns(self, numbers: int, memory: int) -> np.ndarray:
         """Return the columns (numbers, 8 + memory) of the box, for a policy that remembers `memory` numbers."""
         if isinstance(self.memory, tuple) and len(self.memory) != memory:
-            raise ValueError(f"memory has {len(self.memory)} numbers; this policy remembers {memory}")
+            raise ValueError(f"memory has {len(self.memory)} numbers; this policy needs {memory}")
         halves = [np.broadcast_to(getattr(self, name), JOINTS) for name in _UNITS]
         made = np.zeros((numbers, STATES + memory))
         angle, bending = np.diag(np.concatenate(halves[0::2])), np.diag(np.concatenate(halves[1::2]))

@@ -79,7 +79,7 @@ class Period:
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
-            raise NoBound("the set has any friction, but a friction plan of the file assumes a friction law")
+            raise NoBound("the set allows any friction, but a friction plan of the file assumes a friction law")
         try:
             return self._closed(start, known, list(claim.plans), claim.tube)
         except PlanFails as failed:
@@ -143,7 +143,7 @@ class Period:
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
         raise NoBound(
-            f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with the tube"
+            f"no tube was found: the wider it is, the larger the torque {torques[worst]:.3g} on {_NAMES[worst]}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
