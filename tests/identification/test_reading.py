@@ -172,8 +172,8 @@ def test_what_a_robot_does_to_a_log_is_undone_and_said(tmp_path):
     rows = np.column_stack([stamps, np.round(angle / 4e-4) * 4e-4, torque])
     text = table(columns=[np.delete(rows, slice(2000, 2100), axis=0)])
     first, second = read_log(written(tmp_path, text))
-    for phrase in ("2 time stamp(s) do not increase", "1 gap(s) in time of more than 20 ms: 2 part(s)", "resampled",
-                   "idle ends are cut off: 1.", "idle ends are cut off: 0 s and 1."):  # fmt: skip
+    for phrase in ("2 time stamp(s) do not increase", "1 gap(s) in time of more than 20 ms; 2 part(s)", "resampled",
+                   "idle ends are cut off: 1.", "idle ends are cut off: 0 s at the beginning and 1."):  # fmt: skip
         assert any(phrase in remark for remark in first.remarks), (phrase, first.remarks)
     assert (first.name, second.name, second.remarks) == ("log.csv", "log.csv, part 2", ())
     for log in (first, second):

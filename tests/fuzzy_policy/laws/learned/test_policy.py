@@ -87,7 +87,10 @@ def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
 def test_periods_and_bases_that_do_not_fit_are_named():
     residual, base = bundle(ActionDefinition((0.01, 0.01), base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
     for made, message in (
-        (lambda: LearnedPolicy(bundle(), 1.5e-3), r"acts every 0.002 s.* = 0.0015 s; allowed control periods: 0.002 s divided"),
+        (
+            lambda: LearnedPolicy(bundle(), 1.5e-3),
+            r"acts every 0.002 s.* = 0.0015 s; allowed control periods: 0.002 s divided",
+        ),
         (lambda: LearnedPolicy(bundle(), 4e-3), r"control_period = 0.004 s"),
         (lambda: LearnedPolicy(residual), "trained with base = fuzzy-4, but base = none"),
         (lambda: LearnedPolicy(bundle(), base=base), "trained with base = None, but base = FuzzyPolicy"),
