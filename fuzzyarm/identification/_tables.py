@@ -350,7 +350,7 @@ def _bag(path: Path, topic: str | None) -> Table:
             f"it contains no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}"
         )
     if len(states) > _MOST_STATES:
-        raise ValueError(f"{chosen} has more than {_MOST_STATES} messages; split the bag")
+        raise ValueError(f"topic {chosen} has more than {_MOST_STATES} messages; split the bag")
     others = [one for one in counts if one != chosen]
     remark = f"topic {chosen} is read; to read another, give --columns topic=NAME: {listing(others)}"
     remarks = [remark] if others else []

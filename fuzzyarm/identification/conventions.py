@@ -101,7 +101,9 @@ class Diagnosis:
 
     def sentence(self) -> str:
         """Return the likely reading with both misfits, and its rivals."""
-        others = "; ".join(f"{' and '.join(one.words) or 'as it is'} ({misfit:.2g})" for one, misfit in self.rivals)
+        others = "; ".join(
+            f"{' and '.join(one.words) or 'the log as it is'} ({misfit:.2g})" for one, misfit in self.rivals
+        )
         return (
             f"{' and '.join(self.reading.words)}; with this reading, the misfit of a rigid arm falls from "
             f"{self.misfit:.2g} to {self.after:.2g}" + f"; other readings fit nearly as well: {others}" * bool(others)

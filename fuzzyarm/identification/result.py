@@ -151,8 +151,8 @@ def identify(
     for log in given:
         if log.angle.shape[1] != joints:
             raise ValueError(
-                f"{log.name} has {log.angle.shape[1]} joints, but the arm `start` has {joints}; give logs of that arm, "
-                "or another start"
+                f"{log.name} has {log.angle.shape[1]} joints, but the starting arm has {joints}; give logs of that "
+                "arm, or another starting arm"
             )
     step = advance or (lambda: None)
     try:
@@ -196,7 +196,8 @@ def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identif
     rows, long = _rows(stages), _long(logs)
     short = [log for log in logs if log not in long]
     said = [
-        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out; the first is {log.name}, {log.duration:.3g} s."
+        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out; the first is {log.name}, "
+        f"{log.duration:.3g} s."
         for log in short[:1]
     ]
     held = {"start": stages.start_error} | stages.errors if stages.start_error is not None else {}

@@ -91,8 +91,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a crafted archive or pickle may raise anything
         reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
-            f"{path} contains something other than tensors, numbers and text: {reason}; restart the training from the "
-            "beginning"
+            f"{path} is not a valid checkpoint: {reason}; restart the training from the beginning"
         ) from None
     if not isinstance(loaded, dict):
         raise CheckpointError(
@@ -202,7 +201,7 @@ def _check_values(loaded: Any, size: int) -> None:
             if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
                 raise ValueError("a tensor is larger than the file")
         elif not isinstance(part, str | bool | int | float | None):
-            raise ValueError(f"an object of type {type(part).__name__}")
+            raise ValueError(f"it contains an object of type {type(part).__name__}")
 
 
 def _as_tensors(content: Any) -> Any:
