@@ -128,7 +128,10 @@ class Recorded(_Program):
         try:
             super().__init__({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in contents])
         except TypeError as error:
-            raise Unsupported(f"{source} uses the value of a number that is known only at run time: {error}") from error
+            raise Unsupported(
+                f"{source} uses the value of a number while the code is generated, but this value is known only at run "
+                f"time: {error}"
+            ) from error
 
     @functools.cached_property
     def large(self) -> dict[str, int]:
@@ -224,7 +227,7 @@ def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
     if law is None:
         raise Unsupported(
             f"{type(policy).__name__} has no law that can be exported; derive the class from "
-            "fuzzyarm.fuzzy_policy.law.LawPolicy, see docs/contributing/add.md"
+            "fuzzyarm.fuzzy_policy.law.LawPolicy (see docs/contributing/add.md)"
         )
     numbers = sum(table.size for table in law.tables)
     if numbers > _LARGEST:

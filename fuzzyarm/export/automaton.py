@@ -83,14 +83,17 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     plants = problem.plants
     odd = {
         "the load of a case": problem.schedule.disturbance != Disturbance(),
-        "friction of any course": plants.friction == "any",
+        "friction that varies arbitrarily": plants.friction == "any",
         "encoder errors": any(plants.noise),
         "delayed torques": plants.late,
-        "an additional force": plants.force_course,
+        "an additional tip force": plants.force_course,
         "a guest": any(problem.guest),
     }
     if unknown := [words for words, found in odd.items() if found]:
-        raise ValueError(f"an automaton cannot model {' or '.join(unknown)}; choose another set, or the law alone")
+        raise ValueError(
+            f"an automaton cannot model {' or '.join(unknown)}; choose another set of plants, or the law without a "
+            "shield"
+        )
     ranges = {f"{field}{j + 1}": plants.of_joint(field, j) for field in _FACTORS for j in range(JOINTS)}
     ranges["payload"] = plants.payload
     head = "time," + ",".join(f"{name}_d{j}" for name in ("q", "dq", "ddq") for j in (1, 2))

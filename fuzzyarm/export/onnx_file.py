@@ -160,9 +160,7 @@ class _Graph:
     def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
         """Return the name of the output of an operator, which is written once for the same inputs."""
         if len(self._nodes) >= _MOST:
-            raise Unsupported(
-                f"it takes more than {_MOST:,} operations with its loops unrolled; export it as C instead"
-            )
+            raise Unsupported(f"with its loops unrolled, it has more than {_MOST:,} operations; export it as C instead")
         return self._nodes.setdefault((operator, inputs, tuple(attributes.items())), f"n{len(self._nodes)}")
 
     def _name(self, number: Any) -> str:

@@ -201,8 +201,10 @@ def _law(policy: Policy) -> _Law:
     for kind, law in _LAWS.items():
         if isinstance(policy, kind):
             return law(policy)
-    kinds = "fuzzy, computed-torque and -tip policies, elastic-observer, controller files"
-    raise ValueError(f"{type(policy).__name__} has no sheet of equations and matrices; available for: {kinds}")
+    kinds = "fuzzy, computed-torque and -tip policies, elastic-observer and controller files"
+    raise ValueError(
+        f"no sheet of equations and matrices can be written for {type(policy).__name__}; choose from: {kinds}"
+    )
 
 
 def _computed_torque(policy: ComputedTorquePolicy) -> _Law:

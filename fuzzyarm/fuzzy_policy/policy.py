@@ -105,9 +105,13 @@ class Policy(abc.ABC):
         """Return a state (..., memory_size) of `predict` as an array; TypeError or ValueError for anything else."""
         array = array_of("state", state)
         if array.dtype.kind not in "fiu":
-            raise TypeError(f"state = {shown(state)} must be an array of shape (..., {self.memory_size}) from predict")
+            raise TypeError(
+                f"state = {shown(state)} must be an array of shape (..., {self.memory_size}), as returned by predict"
+            )
         if array.shape[-1:] != (self.memory_size,):
-            raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as from predict")
+            raise ValueError(
+                f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as returned by predict"
+            )
         return array
 
     def repeated(self) -> PassLearner | None:
@@ -227,7 +231,9 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 def _no_torque(observation: np.ndarray) -> ValueError:
     """Return the error for observations (lanes, 5 n) for which a law returns nan."""
     largest = np.abs(observation).max()
-    return ValueError(f"the policy gives no finite torque for an observation with a number of magnitude {largest:g}")
+    return ValueError(
+        f"the policy returns no finite torque, because a number in the observation has magnitude {largest:g}"
+    )
 
 
 class PassLearner(abc.ABC):
@@ -275,7 +281,7 @@ class PassLearner(abc.ABC):
     def _checked(self, state: Any) -> Any:
         """Return a state; TypeError or ValueError if it does not belong to this policy."""
         if not isinstance(state, self.kind):
-            needed = f"the {self.kind.__name__} that predict or begin_pass returned"
+            needed = f"the {self.kind.__name__} returned by predict or begin_pass"
             raise TypeError(f"state = {shown(state)} must be {needed}")
         size, own = state.memory.shape[1], self.policy.memory_size
         if size != own:

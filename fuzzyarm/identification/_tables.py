@@ -37,7 +37,7 @@ _STEADY = 3  # lines of numbers in a row with which the table begins
 _AGREE = 0.8  # share of these lines
 _FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the folder of a ROS 2 bag"
 _BAG = (".mcap", ".db3")
-_SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), one column per joint"
+_SAVED = ". In MATLAB: time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), one column per joint"
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
 _MARKUP = {"JSON": r"\s*(\{|\[\s*[\[{])", "XML": r"\s*<", "YAML": r"(---|[\w ]+:)\s*\n"}  # how these begin
@@ -73,7 +73,7 @@ def read_table(path: Path, topic: str | None = None) -> Table:
     if path.suffix in _BAG or (path.is_dir() and (path / "metadata.yaml").is_file()):
         return _bag(path, topic)
     if path.is_dir():
-        raise ValueError("it is a folder without metadata.yaml, so it is not a ROS 2 bag; give the file of the log")
+        raise ValueError("it is a folder without metadata.yaml, so it is not a ROS 2 bag; give a log file")
     content = read_bytes(path, largest=_LARGEST_FILE)
     if content[:4] == b"PK\x03\x04" and path.suffix != ".npz":
         raise ValueError("it is a zip archive or a spreadsheet: unpack it, or save the sheet as CSV")
@@ -100,7 +100,7 @@ def _decoded(content: bytes) -> tuple[str, list[str]]:
     try:
         return content.decode("utf-8-sig"), []
     except UnicodeDecodeError:
-        return content.decode("latin-1"), ["it is not UTF-8: read as Latin-1"]
+        return content.decode("latin-1"), ["it is not UTF-8, so it is read as Latin-1"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _text(content: bytes) -> Table:
     if not text.strip("\x00 \t\r\n"):
         raise ValueError("it is empty; needed: a heading such as time,q1,q2,tau1,tau2 and one line for each instant")
     if "\x00" in text[:4096]:
-        raise ValueError(f"it is not text; logs are read from {_FORMATS}")
+        raise ValueError(f"it is not text; a log must be {_FORMATS}")
     every = text.splitlines()
     lines = [line for line in every if line.strip()]
     middle = max(len(lines) // 2 - _PROBED // 2, min(1, len(lines) - 1))
@@ -320,7 +320,7 @@ def _bag(path: Path, topic: str | None) -> Table:
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
         raise ValueError(
-            'bags are read by rosbags, which is not installed; install it with: pip install "fuzzyarm[logs]"'
+            'ROS 2 bags are read by rosbags, which is not installed; install it with: pip install "fuzzyarm[logs]"'
         ) from None
     if path.is_dir():
         read_bytes(path / "metadata.yaml", largest=_LARGEST_METADATA)
@@ -350,13 +350,14 @@ def _bag(path: Path, topic: str | None) -> Table:
             f"it contains no joint states ({_JOINT_STATE}){where}; topics with joint states: {listing(counts)}"
         )
     if len(states) > _MOST_STATES:
-        raise ValueError(f"{chosen} has more than {_MOST_STATES} messages; split the bag")
+        raise ValueError(f"topic {chosen} has more than {_MOST_STATES} messages; split the bag")
     others = [one for one in counts if one != chosen]
-    remarks = [f"{chosen} is read; to choose another, give --columns topic=NAME: {listing(others)}"] if others else []
+    remark = f"topic {chosen} is read; to read another, give --columns topic=NAME: {listing(others)}"
+    remarks = [remark] if others else []
     stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in states]
     if stamps[-1] <= stamps[0]:
         stamps = [received for received, _ in states]
-        remarks.append("its messages have no time stamps: the times at which they were recorded are used")
+        remarks.append("its messages have no time stamps, so the times at which they were recorded are used")
     names = list(dict.fromkeys(name for _, message in states for name in message.name))
     columns = ["time", *(f"{field} {name}" for field in _FIELDS for name in names)]
     place = {name: k for k, name in enumerate(columns)}

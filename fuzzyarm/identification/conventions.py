@@ -101,7 +101,9 @@ class Diagnosis:
 
     def sentence(self) -> str:
         """Return the likely reading with both misfits, and its rivals."""
-        others = "; ".join(f"{' and '.join(one.words) or 'as it is'} ({misfit:.2g})" for one, misfit in self.rivals)
+        others = "; ".join(
+            f"{' and '.join(one.words) or 'the log as it is'} ({misfit:.2g})" for one, misfit in self.rivals
+        )
         return (
             f"{' and '.join(self.reading.words)}; with this reading, the misfit of a rigid arm falls from "
             f"{self.misfit:.2g} to {self.after:.2g}" + f"; other readings fit nearly as well: {others}" * bool(others)
@@ -142,27 +144,28 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
     """Yield the log as it is, then readings with one or two changes; without `several`, none of the torque's scale."""
-    one, degree, already = (1.0, 1.0), math.pi / 180.0, "look like those of the joint's side even without --gear"
-    units = [("", one, one), ("the angles look like degrees", (degree, degree), one)]
+    one, degree = (1.0, 1.0), math.pi / 180.0
+    already = "seem to be on the joint's side of the gears even without --gear"
+    units = [("", one, one), ("the angles seem to be in degrees", (degree, degree), one)]
     if not any(abs(ratio / math.tau - 1.0) < _ALIKE for ratio in gear):
-        units.append(("the angles look like turns", (math.tau, math.tau), one))
+        units.append(("the angles seem to be in turns", (math.tau, math.tau), one))
     if gear:
         more, less = (gear[0], gear[-1]), (1.0 / gear[0], 1.0 / gear[-1])
-        units += [(f"angles and torques {already}", more, less), (f"the angles {already}", more, one)]
+        units += [(f"the angles and torques {already}", more, less), (f"the angles {already}", more, one)]
         units += [(f"the torques {already}", one, less)] * several
-    units += [("the torques look like N mm", one, (1e-3, 1e-3))] * several
+    units += [("the torques seem to be in N mm", one, (1e-3, 1e-3))] * several
     zeros = (0.0, 0.5 * math.pi, -math.pi, -0.5 * math.pi)
-    exchanges = {"": "", "both": "the joints look exchanged", "torque": "the torques look exchanged"}
+    exchanges = {"": "", "both": "the joints seem to be exchanged", "torque": "the torques seem to be exchanged"}
     signs = {(1, 1, 1, 1): ""} | _SIGNS
     for unit, absolute, sign, zero1, zero2, exchanged in itertools.product(
         units, (False, True), signs, zeros, zeros, exchanges
     ):
         words = (
             unit[0],
-            "angle 2 looks measured against the vertical, not against link 1" * absolute,
+            "angle 2 seems to be measured from the vertical, not from link 1" * absolute,
             signs[sign],
-            f"the zero of joint 1 looks {math.degrees(-zero1):+.0f} degrees off" * bool(zero1),
-            f"the zero of joint 2 looks {math.degrees(-zero2):+.0f} degrees off" * bool(zero2),
+            f"the zero of joint 1 seems to be off by {math.degrees(-zero1):+.0f} degrees" * bool(zero1),
+            f"the zero of joint 2 seems to be off by {math.degrees(-zero2):+.0f} degrees" * bool(zero2),
             exchanges[exchanged],
         )
         said = tuple(word for word in words if word)

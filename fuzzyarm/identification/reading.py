@@ -132,7 +132,7 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
     labels = _labels(guessed)[: max(chosen, default=None)]
     named = [label for label in labels if not label.isdigit()]
     if named and not any(role.startswith("q") for role in given):
-        table.remarks.append("joints in this order: " + ", ".join(labels))
+        table.remarks.append("the joints are taken in this order: " + ", ".join(labels))
     wanted = {("time", ""): "time"} | {
         (kind, label): f"{kind}{j}" for j, label in enumerate(labels, start=1) for kind in ("q", "dq", "tau")
     }
@@ -154,10 +154,12 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
     missing = [role for role in needed if role not in roles]
     if missing:
         example = ",".join(f"{role}=NAME" for role in missing[:5])
-        where = f"among {listing(table.names)}" if table.headed else f"in {len(table.names)} columns without a heading"
+        asked = ", ".join(missing)
+        text = f"its {len(table.names)} columns have no heading, so no column is recognised as {asked}"
+        if table.headed:
+            text = f"none of the columns {listing(table.names)} is recognised as {asked}"
         more = ",q2=NAME,..." if joints < 2 and any(role != "time" for role in missing) else ""
-        text = f"no column is recognised as {', '.join(missing)} {where}"
-        raise ValueError(f"{text}; give their names or numbers with --columns {example}{more}")
+        raise ValueError(f"{text}; give the columns' names or numbers with --columns {example}{more}")
     speeds = [f"dq{j + 1}" for j in range(joints)]
     kept = needed + (speeds if all(role in roles for role in speeds) else [])
     found = {role: roles[role] for role in kept}
@@ -177,14 +179,15 @@ def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
     if not is_given:
         roles["time"] = next((k for k in every if "stamp" in words[k]), roles["time"])
         table.remarks.append(
-            f"its time is column {shown(table.names[roles['time']])}; to choose another, give --columns time=NAME"
+            f"its time is read from column {shown(table.names[roles['time']])}; to choose another, give --columns "
+            "time=NAME"
         )
     for other in every:
         apart = np.nan_to_num(np.abs(table.values[:, other] - table.values[:, roles["time"]])).max(initial=0.0)
         if words[other] == words[roles["time"]] and apart > 0.0:
             raise ValueError(
-                f"its columns {roles['time'] + 1} and {other + 1} are both times and differ by up to "
-                f"{apart:.3g}; write all signals at common instants, with one column of time"
+                f"its columns {roles['time'] + 1} and {other + 1} both contain times, which differ by up to "
+                f"{apart:.3g}; write all signals at common instants, with a single time column"
             )
 
 
@@ -239,7 +242,9 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
     if short not in known:
         raise ValueError(
             f"unknown unit {shown(text)} for {kind}; give --units {kind}=UNIT, where UNIT is one of {', '.join(known)} "
-            "or the unit's size in SI units" + ", such as the torque constant for A: tau=0.12" * (kind == "tau")
+            "or the unit's size in SI units"
+            + ", such as the torque constant for a column in A: tau=0.12"
+            * (kind == "tau")
         )
     if kind not in given and known[short] != 1.0:
         table.remarks.append(f"{kind} is in {text}, according to the heading")
@@ -274,7 +279,7 @@ def _pieces(
         remarks.append(f"{np.count_nonzero(~whole)} row(s) that lack a number are left out")
     joints = sum(role.startswith("tau") for role in roles)
     if len(gear) not in (0, 1, joints):
-        raise ValueError(f"gear has {len(gear)} ratios; allowed: one, or one for each of {joints} joints")
+        raise ValueError(f"gear has {len(gear)} ratios; allowed: one, or one for each of the {joints} joints")
     ratio = np.array([checks.real("gear", one, low=1.0 / _LARGEST_GEAR, high=_LARGEST_GEAR) for one in gear] or [1.0])
     for key in units:
         if key not in _UNITS and (key.startswith("time") or not 1 <= int(key.lstrip("dqtau")) <= joints):
@@ -306,7 +311,7 @@ def _pieces(
         raise ValueError("several lines have the same time; write one line per instant, with a column for each joint")
     if (np.diff(stamps) < 0.0).all():
         stamps, part = stamps[::-1], {kind: values[::-1] for kind, values in part.items()}
-        remarks.append("its time decreases throughout: read from the last row to the first")
+        remarks.append("its time decreases throughout, so it is read from the last row to the first")
     time = _seconds(stamps, size["time"], remarks)
     for j, (name, own) in enumerate(zip(names["q"], sizes("q"), strict=True)):
         part["q"][:, j] = _unwrapped(part["q"][:, j], _TURN / own, name, remarks)
@@ -332,8 +337,8 @@ def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) ->
         usual = median_filter(np.minimum(rest, np.abs(steps)), _NEAR)
         wraps = (rest < _WRAPPED * size + 3.0 * usual) & (np.maximum(_AWAY * usual, span) < size)
         if wraps.any():
-            what = "a turn, " if size == turn else ""
-            remarks.append(f"{name} jumps by {what}{size:.5g} in {np.count_nonzero(wraps)} place(s): unwrapped")
+            what = f"a turn ({size:.5g})" if size == turn else f"{size:.5g}"
+            remarks.append(f"{name} jumps by {what} in {np.count_nonzero(wraps)} place(s), so it is unwrapped")
             return np.asarray(angle - np.append(0.0, np.cumsum(size * np.sign(steps) * wraps)))
     return angle
 
@@ -352,11 +357,11 @@ def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[
     for name, values, rows in zip(names, (*angle.T, *torque.T), stray, strict=True):
         if rows.any():
             k = int(np.argmax(rows))
-            text = f"{name} jumps away for {np.count_nonzero(rows)} row(s), first at t = {time[k]:.4g} s"
-            text += f" to {values[k]:.6g}"
+            text = f"{name} has outliers in {np.count_nonzero(rows)} row(s), the first ({values[k]:.6g}) at t = "
+            text += f"{time[k]:.4g} s"
             if rows.mean() > _MOST_STRAY:
-                raise ValueError(f"{text}; allowed: {100.0 * _MOST_STRAY:g} % of the rows. Repair the column")
-            remarks.append(f"{text}: left out")
+                raise ValueError(f"{text}; allowed: in {100.0 * _MOST_STRAY:g} % of the rows. Repair the column")
+            remarks.append(f"{text}; these rows are left out")
     return np.asarray(np.any(stray, axis=0))
 
 
@@ -403,19 +408,19 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
         dropped += int(np.count_nonzero(~later))
         pieces.append((stamps[later], part[later]))
     if dropped:
-        remarks.append(f"{dropped} stamp(s) do not increase: their rows are left out")
+        remarks.append(f"{dropped} time stamp(s) do not increase; their rows are left out")
     long = [piece for piece in pieces if len(piece[0]) >= FEWEST_SAMPLES]
     if not long:
         largest = max(len(stamps) for stamps, _ in pieces)
         raise ValueError(
             f"its longest part without a gap in time of more than {1e3 * longest:.3g} ms has {largest} samples; "
-            f"needed: at least {FEWEST_SAMPLES}; if another column has the time, name it with --columns time=NAME"
+            f"needed: at least {FEWEST_SAMPLES}; if another column contains the time, name it with --columns time=NAME"
         )
     if len(pieces) > 1:
         short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)
         remarks.append(
-            f"{len(pieces) - 1} gap(s) in time of more than {1e3 * longest:.3g} ms: {len(long)} part(s) of "
-            f"{FEWEST_SAMPLES} samples or more are used, and {short} sample(s) of shorter parts are left out"
+            f"it has {len(pieces) - 1} gap(s) in time of more than {1e3 * longest:.3g} ms; {len(long)} part(s) with "
+            f"{FEWEST_SAMPLES} samples or more are used, and {short} sample(s) in shorter parts are left out"
         )
     return long
 
@@ -434,8 +439,8 @@ def _even(
     else:
         at = stamps[0] + period * np.arange(int((stamps[-1] - stamps[0]) / period + 1e-6) + 1)
         remarks.append(
-            f"{100.0 * np.mean(uneven):.2g} % of the time steps differ from {1e3 * period:.4g} ms: resampled, angles "
-            "by linear interpolation, torques as the mean of the held values"
+            f"{100.0 * np.mean(uneven):.2g} % of the time steps differ from {1e3 * period:.4g} ms, so the log is "
+            "resampled: angles by linear interpolation, torques as the mean of the held values"
         )
         lines = np.stack([np.interp(at, stamps, line) for line in lines.T], axis=1)
     return period, lines, held_mean(stamps, torque, at + delay, period)
@@ -464,7 +469,10 @@ def _trimmed(log: Log, remarks: list[str]) -> Log:
     first, last = max(int(moving[0][0]) - margin, 0), min(int(moving[1][-1]) + margin + 1, count)
     if (first + count - last) * log.period < _LEAST_IDLE or last - first < FEWEST_SAMPLES:
         return log
-    remarks.append(f"idle ends are cut off: {first * log.period:.3g} s and {(count - last) * log.period:.3g} s")
+    remarks.append(
+        f"idle ends are cut off: {first * log.period:.3g} s at the beginning and {(count - last) * log.period:.3g} s "
+        "at the end"
+    )
     velocity = None if log.velocity is None else log.velocity[first:last]
     return dataclasses.replace(log, angle=log.angle[first:last], torque=log.torque[first:last], velocity=velocity)
 
@@ -482,6 +490,6 @@ def _with_true_velocities(logs: list[Log], remarks: list[str]) -> list[Log]:
     j = int(wrong[0])
     remarks.append(
         f"the velocities of joint {j + 1} are {ratio[j]:.3g} times the slopes of its angles (another unit or sign?): "
-        "velocities are not used"
+        "the velocities are not used"
     )
     return [dataclasses.replace(log, velocity=None) for log in logs]

@@ -151,8 +151,8 @@ def identify(
     for log in given:
         if log.angle.shape[1] != joints:
             raise ValueError(
-                f"{log.name} has {log.angle.shape[1]} joints, but the arm `start` has {joints}; give logs of that arm, "
-                "or another start"
+                f"{log.name} has {log.angle.shape[1]} joints, but the starting arm has {joints}; give logs of that "
+                "arm, or another starting arm"
             )
     step = advance or (lambda: None)
     try:
@@ -161,7 +161,7 @@ def identify(
         return _of_stages(given, start, estimated(_long(given), start, stribeck, step))
     except np.linalg.LinAlgError:
         raise ValueError(
-            "the equations made from the logs have no solution; check the units, and look for numbers out of range"
+            "the equations built from the logs have no solution; check the units, and look for implausible numbers"
         ) from None
 
 
@@ -171,8 +171,9 @@ def _long(logs: Sequence[Log]) -> list[Log]:
     if not found:
         longest = max(log.duration for log in logs)
         raise ValueError(
-            f"a prediction over {HORIZON:g} s needs a part without gaps that is longer than {_SHORTEST:g} s, but the "
-            f"longest one is {longest:.3g} s; record without gaps, or choose another time with --columns time=NAME"
+            f"a prediction over {HORIZON:g} s needs a part of a log without gaps that is longer than {_SHORTEST:g} s, "
+            f"but the longest one is {longest:.3g} s; record without gaps, or choose another time column with "
+            "--columns time=NAME"
         )
     return found
 
@@ -195,7 +196,8 @@ def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identif
     rows, long = _rows(stages), _long(logs)
     short = [log for log in logs if log not in long]
     said = [
-        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out; first: {log.name}, {log.duration:.3g} s."
+        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out; the first is {log.name}, "
+        f"{log.duration:.3g} s."
         for log in short[:1]
     ]
     held = {"start": stages.start_error} | stages.errors if stages.start_error is not None else {}
@@ -306,7 +308,7 @@ def _remarks(stages: Stages, logs: int) -> list[str]:
     found = ["Lengths, masses, gravity and limits are those of the starting arm: motors alone do not determine them."]
     if _is_doubtful(stages):
         found.append(
-            f"The arm explains little of the logs: held-out errors are above {_DOUBTFUL:g} of the motion. Check units, "
+            f"The arm explains little of the logs: held-out errors exceed {_DOUBTFUL:g} times the motion. Check units, "
             "signs and delays of the logs, and lengths and masses of the starting arm."
         )
     if stages.untold:
@@ -317,12 +319,12 @@ def _remarks(stages: Stages, logs: int) -> list[str]:
     if logs == 1:
         found.append("One log does not show how the values differ between logs, so there are no intervals.")
     if stages.interrupted:
-        found.append("Interrupted: later stages and some held-out errors are missing.")
+        found.append("The search was interrupted, so later stages and some held-out errors are missing.")
     elif not stages.is_elastic:
         found.append(
-            "Stiffness, damping and the split of inertia 1 between rotor and link are not determined: springs do not "
-            "lower the held-out error. The file contains their ranges; give the rotor inertia of the data sheet to "
-            "narrow them."
+            "Stiffness, damping and the split of inertia 1 between rotor and link are not determined: elastic joints "
+            "in the model do not lower the held-out error. The file contains the ranges of these parameters; give the "
+            "rotor inertia of the data sheet to narrow them."
         )
     if "Stribeck" in stages.errors and not any("static" in name for name in stages.found.search.names):  # type: ignore[union-attr]
         found.append("Friction that is larger at rest does not lower the held-out error, so it is not determined.")

@@ -52,7 +52,7 @@ class OnnxPolicy(Policy):
             import onnxruntime
         except ImportError:
             raise ValueError(
-                "onnxruntime is not installed; for onnx: models, run in the repository: "
+                "onnxruntime, which runs onnx: models, is not installed; run in the repository: "
                 'pip install -c constraints.txt -e ".[onnx]"'
             ) from None
         try:

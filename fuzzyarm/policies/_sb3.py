@@ -73,7 +73,7 @@ def sb3_policy(
     return LearnedPolicy(bundle, control_period, robot)
 
 
-_ROUTE = "export it to ONNX, as docs/tutorials/train.md does, and give --policy onnx:model.onnx"
+_ROUTE = "export the model to ONNX, as docs/tutorials/train.md shows, and give --policy onnx:model.onnx"
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -115,7 +115,7 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
         cell, memory = None, [f"lstm_actor.{part}_l0" for part in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")]
         if any(name.startswith("lstm_actor") for name in tensors):
             if "lstm_actor.weight_ih_l1" in tensors or not set(memory) <= set(tensors):
-                raise ValueError(f"{path}: its LSTM must be a single layer, as the default is; {_ROUTE}")
+                raise ValueError(f"{path}: its LSTM must have a single layer, which is the default; {_ROUTE}")
             x, h, a, b = (tensors[name] for name in memory)
             cell = Cell(x, h, a + b)
         weights, biases = (tuple(tensors[name + part] for name in names) for part in ("weight", "bias"))

@@ -155,7 +155,7 @@ class UserPolicy:
         for needed in ("predict", "begin_pass"):
             if not callable(getattr(found, needed, None)):
                 raise ValueError(
-                    f"{self.name}: repeated returned an object of type {type(found).__name__}, which has no method "
+                    f"{self.name}: repeated() returned an object of type {type(found).__name__}, which has no method "
                     f"{needed}"
                 )
         return UserPolicy(self.name, found, self.control_period)
@@ -169,7 +169,7 @@ class UserPolicy:
         names = ("force", "force_deviation", "payload", "payload_deviation")
         if missing := [name for name in names if not hasattr(found, name)]:
             raise ValueError(
-                f"{self.name}: beliefs returned an object of type {type(found).__name__}, which lacks "
+                f"{self.name}: beliefs() returned an object of type {type(found).__name__}, which lacks "
                 f"{', '.join(missing)}"
             )
         return found

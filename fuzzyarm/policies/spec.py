@@ -197,7 +197,7 @@ class PolicySpec:
             inside += [f"{_ROUTES[entry.suffix]}{entry}" for entry in sorted(path.iterdir()) if entry.suffix in _ROUTES]
             instead = f"write --policy {inside[0]}" if inside else code
             raise ValueError(
-                f"{path} is not a policy folder, which must contain {DESCRIPTION} and {WEIGHTS}: {instead}"
+                f"{path} is not a policy folder: it contains neither {DESCRIPTION} nor {WEIGHTS}; {instead}"
             )
 
 

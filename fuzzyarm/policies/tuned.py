@@ -118,7 +118,7 @@ def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) ->
     if control_period != laws.control_period:
         raise ValueError(
             f"{folder / name} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s; "
-            "use that period"
+            f"use {laws.control_period:g} s"
         )
     numbers, period = laws.numbers(), laws.control_period
     if name != ADAPTIVE_OBSERVER:

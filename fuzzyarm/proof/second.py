@@ -126,7 +126,7 @@ class _Claim:
         odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value not in _KNOWN[name]]
         odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
         odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["durations in fractions of 1 ms"]
-        return f"it does not cover {', '.join(odd)}" if odd else ""
+        return f"this checker does not cover {', '.join(odd)}" if odd else ""
 
     def words(self) -> str:
         """Return law, set and motion in words; the label of the file is not used."""
@@ -561,10 +561,10 @@ class _Tube:
         if any(self._law.robot.get(field) != value for field, value in _TABLE_1.items()):
             raise _Refused(f"{name} is not for the arm of Table 1")
         self._plant = plant = _Plant(self._law.robot, claim.plants)
-        least = claim.count if claim.ever else 1
-        fits = [least <= a == c <= claim.count and b == a * _SCHEMAS.index(claim.schema) for a, b, c in claim.sizes]
+        least, most, sizes = (claim.count if claim.ever else 1), claim.count, claim.sizes
+        fits = [least <= a == c <= most and b == a * _SCHEMAS.index(claim.schema) for a, b, c in sizes]
         if claim.ever != (len(fits) > 1) or not all(fits):
-            raise _Refused(f"tip, whole, steps have {claim.sizes} entries; needed: equal, {least} to {claim.count}")
+            raise _Refused(f"tip, whole and steps have {sizes} entries; all need the same number, {least} to {most}")
         q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
         hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
         start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]

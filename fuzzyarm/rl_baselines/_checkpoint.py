@@ -71,15 +71,17 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     try:
         content = read_bytes(path, largest=_LARGEST)
     except DocumentError as error:
-        raise CheckpointError(f"{error}; start the training again") from None
+        raise CheckpointError(f"{error}; restart the training from the beginning") from None
     except OSError as error:
         raise CheckpointError(f"{path}: {error.strerror or error}; there is nothing to resume here") from None
     line, _, data = content.partition(b"\n")
     schema, _, digest = line.partition(b" ")
     if schema != _SCHEMA:
-        raise CheckpointError(f"{path} is not a checkpoint of this version ({_SCHEMA.decode()}); start training again")
+        raise CheckpointError(
+            f"{path} is not a checkpoint of this version ({_SCHEMA.decode()}); restart the training from the beginning"
+        )
     if hashlib.sha256(data).hexdigest().encode() != digest:
-        raise CheckpointError(f"{path} is damaged (its sha256 differs); start the training again")
+        raise CheckpointError(f"{path} is damaged (its sha256 differs); restart the training from the beginning")
     try:
         _check_archive(data)
         with warnings.catch_warnings():
@@ -89,10 +91,12 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a crafted archive or pickle may raise anything
         reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
-            f"{path} contains something other than tensors, numbers and text: {reason}; start the training again"
+            f"{path} is not a valid checkpoint: {reason}; restart the training from the beginning"
         ) from None
     if not isinstance(loaded, dict):
-        raise CheckpointError(f"{path} does not contain a mapping of names to values; start the training again")
+        raise CheckpointError(
+            f"{path} does not contain a mapping of names to values; restart the training from the beginning"
+        )
     return loaded
 
 
@@ -126,7 +130,7 @@ def check_finite(name: str, found: Any) -> None:
             check_finite(name, value)
     elif isinstance(found, torch.Tensor):
         if found.is_floating_point() and not bool((found.abs() <= _LARGEST_NUMBER).all()):
-            raise ValueError(f"{name} contains a tensor that is not finite, or numbers beyond {_LARGEST_NUMBER:g}")
+            raise ValueError(f"{name} contains numbers that are not finite or lie beyond ±{_LARGEST_NUMBER:g}")
     elif isinstance(found, float) and not abs(found) <= _LARGEST_NUMBER:
         raise ValueError(f"{name} contains the number {found}; allowed: numbers within ±{_LARGEST_NUMBER:g}")
 
@@ -197,7 +201,7 @@ def _check_values(loaded: Any, size: int) -> None:
             if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
                 raise ValueError("a tensor is larger than the file")
         elif not isinstance(part, str | bool | int | float | None):
-            raise ValueError(f"an object of type {type(part).__name__}")
+            raise ValueError(f"it contains an object of type {type(part).__name__}")
 
 
 def _as_tensors(content: Any) -> Any:
@@ -232,7 +236,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         whole(f"learner.counters.{name}", found["counters"][name], high=2**62)
     for episode in found["episodes"]:
         if set(instance("an episode", episode, dict)) != {"r", "l", "tip_error"}:
-            raise ValueError(f"learner.episodes contains {shown(episode)}; needed: r, l and tip_error")
+            raise ValueError(f"learner.episodes contains {shown(episode)}; needed: the entries r, l and tip_error")
         real("return of an episode", episode["r"])
         real("tip error of an episode", episode["tip_error"], low=0.0)
         whole("length of an episode", episode["l"])

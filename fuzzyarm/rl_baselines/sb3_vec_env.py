@@ -116,13 +116,13 @@ class StableBaselinesVecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Raise: lanes have no attributes of their own."""
         raise NotImplementedError(
-            f"cannot set {attr_name!r}: lanes have no attributes of their own; give one value per lane as an argument "
-            "of gym.make_vec"
+            f"{attr_name!r} cannot be set: lanes have no attributes of their own; give one value per lane as an "
+            "argument of gym.make_vec"
         )
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Raise: there is no environment object per lane."""
-        raise NotImplementedError(f"cannot call {method_name!r}: lanes have no environment objects of their own")
+        raise NotImplementedError(f"{method_name!r} cannot be called: lanes have no environment objects of their own")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Return whether the lanes are wrapped: in `Monitor`, whose ``episode`` infos they have, and no other."""

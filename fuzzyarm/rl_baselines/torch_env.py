@@ -201,7 +201,9 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             options: none are known.
         """
         if options:
-            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options; leave it out")
+            raise ValueError(
+                f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options; leave out options"
+            )
         first = 0 if seed is None else checks.whole("seed", seed)
         with torch.no_grad():
             if seed is not None or not self._begun:
@@ -296,7 +298,7 @@ def _real(action: Any) -> Any:
     if not isinstance(action, Tensor):
         return real_numbers("action", action)
     if action.is_complex() or action.dtype == torch.bool:
-        raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
+        raise TypeError(f"action must contain real numbers [N m], not {action.dtype}")
     return action
 
 
@@ -318,7 +320,9 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
             found = re.search(r"[^\n]*\bC(\+\+)? compiler\b[^\n]*", str(error))
             if found is None:
                 raise
-            message = "compiled=True needs a C++ compiler and found none: install g++ (apt install g++), name yours in "
+            message = (
+                "compiled=True needs a C++ compiler, but none was found: install g++ (apt install g++), name yours in "
+            )
             message += f"the environment variable CXX, or use TorchFuzzyArm(..., compiled=False) [{found[0]}]"
             raise RuntimeError(message) from None
 
@@ -328,7 +332,9 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
 @contextlib.contextmanager
 def _announced_compilation() -> Iterator[None]:
     """Print on a terminal what the enclosed call does, if it takes more than a second."""
-    message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of that if torch finds it on disk) ..."
+    message = (
+        "TorchFuzzyArm: compiling the step (up to a minute, or a tenth of that if torch has cached it on disk) ..."
+    )
     with announced(message), warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
         warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
         yield

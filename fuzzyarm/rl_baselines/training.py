@@ -109,7 +109,7 @@ class Training:
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"{folder / CHECKPOINT} was written by another version of fuzzyarm: {error}; start again"
+                f"{folder / CHECKPOINT} was written by another version of fuzzyarm: {error}; start a new training run"
             ) from None
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} contains a training run with {found['algorithm']}; choose another folder")
@@ -130,8 +130,8 @@ class Training:
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
             raise CheckpointError(
-                f"{folder} contains a training run for a different arm: {config.robot} has changed since. Restore the "
-                "arm's file, or start again in another folder"
+                f"{folder} contains a training run for a different arm: {config.robot} has changed since then. Restore "
+                "the arm's file, or start a new training run in another folder"
             )
         try:
             training.rows, training.best, training._earlier = progress_in(found)
@@ -143,7 +143,7 @@ class Training:
         except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training run ({reason}); start the training again"
+                f"the checkpoint does not match this training run ({reason}); restart the training from the beginning"
             ) from None
         return training
 

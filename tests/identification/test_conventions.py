@@ -55,16 +55,16 @@ def late(delay):
 VARIANTS = {
     "degrees": ((), turned(np.degrees)),
     "turns": ((), turned(lambda q: q / (2.0 * math.pi))),
-    "against the vertical": ((), turned(lambda q: np.cumsum(q, axis=1))),
-    "the joints look exchanged": ((), turned(lambda q: q[:, ::-1], lambda tau: tau[:, ::-1])),
-    "the torques look exchanged": ((), turned(torque=lambda tau: tau[:, ::-1])),
-    "N mm": ((), turned(torque=lambda tau: 1e3 * tau)),
-    "angles and torques look like those of the joint's side": (
+    "from the vertical": ((), turned(lambda q: np.cumsum(q, axis=1))),
+    "the joints seem to be exchanged": ((), turned(lambda q: q[:, ::-1], lambda tau: tau[:, ::-1])),
+    "the torques seem to be exchanged": ((), turned(torque=lambda tau: tau[:, ::-1])),
+    "in N mm": ((), turned(torque=lambda tau: 1e3 * tau)),
+    "the angles and torques seem to be on the joint's side": (
         (GEAR,),
         turned(lambda q: q / GEAR, lambda tau: GEAR * tau),
     ),
-    "the angles look like those of the joint's side": ((GEAR,), turned(lambda q: q / GEAR)),
-    "the torques look like those of the joint's side": ((GEAR,), turned(torque=lambda tau: GEAR * tau)),
+    "the angles seem to be on the joint's side": ((GEAR,), turned(lambda q: q / GEAR)),
+    "the torques seem to be on the joint's side": ((GEAR,), turned(torque=lambda tau: GEAR * tau)),
     "50 ms late": ((), late(0.05)),
     "30 ms early": ((), late(-0.03)),
     **{
@@ -72,7 +72,7 @@ VARIANTS = {
         for signs, words in SIGNS.items()
     },
     **{
-        f"the zero of joint {j + 1} looks {math.degrees(zero):+.0f} degrees off": (
+        f"the zero of joint {j + 1} seems to be off by {math.degrees(zero):+.0f} degrees": (
             (),
             turned(lambda q, j=j, zero=zero: q + zero * (np.arange(2) == j)),
         )
@@ -80,7 +80,7 @@ VARIANTS = {
         for zero in (HALF, math.pi, -HALF)
     },
 }  # fmt: skip
-FEW = ("degrees", "the torques look exchanged", "50 ms late", "torque 1 has the opposite sign")
+FEW = ("degrees", "the torques seem to be exchanged", "50 ms late", "torque 1 has the opposite sign")
 
 
 def gone(reading, right, wrong):
@@ -159,11 +159,13 @@ def test_the_command_says_it_and_applies_it(logs, tmp_path, capsys, monkeypatch)
     out, err = capsys.readouterr()
     assert (
         out == ""
-        and "no valid arm. However, the angles look like degrees; with this reading, the misfit" in err.splitlines()[-1]
+        and "no valid arm. However, the angles seem to be in degrees; with this reading, the misfit"
+        in err.splitlines()[-1]
     )
     assert main([*words, "--apply"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["conventions"]["applied"] and document["conventions"]["likely"] == ["the angles look like degrees"]
+    assert document["conventions"]["applied"]
+    assert document["conventions"]["likely"] == ["the angles seem to be in degrees"]
     np.testing.assert_allclose(seen[0][1].angle, logs[1].angle, atol=1e-12)
     assert main([*words, str(paths[0])]) == 2 and "given twice" in capsys.readouterr().err
 

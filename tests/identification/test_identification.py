@@ -125,7 +125,7 @@ def test_the_stages_find_the_arm_and_say_what_is_not_told(found):
     assert not rows["stiffness[0]"]["told"] and found.arm.stiffness == found.start.stiffness
     told = rows["inertia[0] + motor_inertia[0]"]
     assert told["told"] and told["low"] < told["value"] < told["high"]
-    assert any("not determined: springs do not lower" in remark for remark in found.remarks())
+    assert any("not determined: elastic joints in the model do not lower" in remark for remark in found.remarks())
 
 
 def test_what_is_not_told_is_handed_on_as_ranges(found, tmp_path):
@@ -149,7 +149,7 @@ def test_a_joint_that_rests_keeps_the_start_and_a_resting_arm_is_refused(logs):
     rest = Log(4e-3, np.full((500, 2), 0.3), np.full((500, 2), 3.0))
     with pytest.raises(ValueError, match=r"too little excitation: no joint moves .*--suggest"):
         identify(rest, TRUTH)
-    with pytest.raises(ValueError, match="log has 2 joints, but the arm `start` has 6"):
+    with pytest.raises(ValueError, match="log has 2 joints, but the starting arm has 6"):
         identify(rest, robot_named("ur5"))
 
 
@@ -164,7 +164,7 @@ def test_short_parts_are_left_out_and_said(logs, found):
     with_short = identify([short, *logs], wrong(1.2, STIFF))
     assert with_short.arm == found.arm and with_short.samples == found.samples
     assert with_short.remarks() == [
-        "1 part(s) shorter than 0.8 s are left out; first: short, 0.596 s.",
+        "1 part(s) shorter than 0.8 s are left out; the first is short, 0.596 s.",
         *found.remarks(),
     ]
     with pytest.raises(ValueError, match=r"but the longest one is 0.596 s; record without gaps"):
@@ -202,7 +202,7 @@ def test_an_interrupted_search_returns_what_it_has(logs):
             raise KeyboardInterrupt
 
     found = identify(logs, wrong(1.2, STIFF), advance)
-    assert found.interrupted and found.held_out == {} and "Interrupted" in " ".join(found.remarks())
+    assert found.interrupted and found.held_out == {} and "was interrupted" in " ".join(found.remarks())
     np.testing.assert_allclose(base_of(found.arm)[0], base_of(STIFF)[0], rtol=0.3)
 
 

@@ -172,8 +172,8 @@ def test_what_a_robot_does_to_a_log_is_undone_and_said(tmp_path):
     rows = np.column_stack([stamps, np.round(angle / 4e-4) * 4e-4, torque])
     text = table(columns=[np.delete(rows, slice(2000, 2100), axis=0)])
     first, second = read_log(written(tmp_path, text))
-    for phrase in ("2 stamp(s) do not increase", "1 gap(s) in time of more than 20 ms: 2 part(s)", "resampled",
-                   "idle ends are cut off: 1.", "idle ends are cut off: 0 s and 1."):  # fmt: skip
+    for phrase in ("2 time stamp(s) do not increase", "1 gap(s) in time of more than 20 ms; 2 part(s)", "resampled",
+                   "idle ends are cut off: 1.", "idle ends are cut off: 0 s at the beginning and 1."):  # fmt: skip
         assert any(phrase in remark for remark in first.remarks), (phrase, first.remarks)
     assert (first.name, second.name, second.remarks) == ("log.csv", "log.csv, part 2", ())
     for log in (first, second):
@@ -219,7 +219,7 @@ REFUSED = [
     (
         "own.csv",
         "\n".join(["time,q1,tau1,time,q2,tau2", *map(with_times, ROWS[1:])]),
-        "columns 1 and 4 are both times and differ by up to 0.001; write all signals at common instants",
+        "columns 1 and 4 both contain times, which differ by up to 0.001; write all signals at common instants",
     ),
     (
         "thousands.csv",
@@ -246,14 +246,18 @@ REFUSED = [
         "its longest part without a gap in time of more than 20 ms has 98 samples; needed: at least 100",
     ),
     ("log.csv", "1\n2\n3\n" * 200, "neither comma, semicolon, tab nor space divides its lines into 3 or more columns"),
-    ("log.csv", bytes(range(256)) * 40, "it is not text; logs are read from CSV"),
+    ("log.csv", bytes(range(256)) * 40, "it is not text; a log must be CSV"),
     (
         "log.csv",
         table(""),
-        "recognised as time, q1, tau1 in 5 columns without a heading; give their names or numbers with",
+        "its 5 columns have no heading, so no column is recognised as time, q1, tau1; give the columns' names",
     ),
-    ("log.csv", table("time,q1,q2,tau1,current2"), "recognised as tau2 among time, q1, q2, tau1, current2; give their"),
-    ("log.csv", table("a,b,c,d,e"), "no column is recognised as time, q1, tau1 among a, b, c, d, e"),
+    (
+        "log.csv",
+        table("time,q1,q2,tau1,current2"),
+        "none of the columns time, q1, q2, tau1, current2 is recognised as tau2",
+    ),
+    ("log.csv", table("a,b,c,d,e"), "none of the columns a, b, c, d, e is recognised as time, q1, tau1"),
     ("log.csv", table("time,q1,q2,tau1"), "its lines have 5 cells, but its heading time,q1,q2,tau1 has 4"),
     ("log.csv", table(mark=","), "has 5; numbers with a decimal comma need"),
     ("log.csv", table("time,q1,q1,tau1,tau2"), "columns q1, q1 could each be q1; choose one with --columns q1=NAME"),
@@ -299,11 +303,11 @@ REFUSED = [
         "\n".join(["@RELATION arm", "", "@ATTRIBUTE q1 NUMERIC", "@DATA", *ROWS[1:]]),
         "its heading @DATA has 1; write 5 names in the line above the numbers",
     ),
-    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "such as the torque constant for A: tau=0.12"),
+    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "such as the torque constant for a column in A: tau=0.12"),
     (
         "log.csv",
         table(columns=[TIME, ANGLE, np.where(np.arange(COUNT)[:, np.newaxis] % 15 == 7, -9999.0, TORQUE)]),
-        "tau1 jumps away for 40 row(s), first at t = 0.014 s to -9999; allowed: 5 % of the rows. Repair the column",
+        "tau1 has outliers in 40 row(s), the first (-9999) at t = 0.014 s; allowed: in 5 % of the rows",
     ),
     ("log.mcap", bytes(range(256)), "it is not a ROS 2 bag, or it is damaged"),
     ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is not a ROS 2 bag, or it is damaged"),
@@ -333,7 +337,7 @@ def test_joints_may_have_letters(tmp_path):
 def test_the_stamp_of_a_header_is_the_time(tmp_path):
     rows = [f"{float(row.split(',')[0]) * 1.3},{row}" for row in ROWS[1:]]
     (log,) = read_log(written(tmp_path, "\n".join(["%time,stamp,q1,q2,tau1,tau2", *rows])))
-    assert log.period == pytest.approx(2e-3) and "its time is column 'stamp'" in log.remarks[0]
+    assert log.period == pytest.approx(2e-3) and "its time is read from column 'stamp'" in log.remarks[0]
 
 
 @pytest.mark.parametrize(
@@ -350,7 +354,7 @@ def test_the_stamp_of_a_header_is_the_time(tmp_path):
         ({"units": {"time1": "s"}}, "units has the unknown key time1"),
         ({"units": {"q": 0.0}}, "unit of q = 0.0 is out of range"),
         ({"columns": {"tau1": "tau1_counts"}}, "column tau1_counts for tau1 seems to be in counts"),
-        ({"gear": (1.0, 2.0, 3.0)}, "gear has 3 ratios; allowed: one, or one for each of 2 joints"),
+        ({"gear": (1.0, 2.0, 3.0)}, "gear has 3 ratios; allowed: one, or one for each of the 2 joints"),
         ({"delay": 2.0}, "delay = 2.0 s is out of range"),
     ],
 )
@@ -411,23 +415,24 @@ def spoiled(part, rows, column, value):
 RATE = 3000 / (2.0 * np.pi)  # counts for a radian
 DEFECTS = {
     "sentinels": (FIVE, [spoiled(ANGLE, [100, 104, 300], 0, -9999.0), TORQUE], {},
-                  "q1 jumps away for 3 row(s), first at t = 0.2 s to -9999: left out"),
+                  "q1 has outliers in 3 row(s), the first (-9999) at t = 0.2 s; these rows are left out"),
     "a sentinel that lasts": (FIVE, [spoiled(ANGLE, slice(200, 208), 1, 65535.0), TORQUE], {},
-                              "q2 jumps away for 8 row(s), first at t = 0.4 s to 65535: left out"),
+                              "q2 has outliers in 8 row(s), the first (65535) at t = 0.4 s; these rows are left out"),
     "a sentinel at the end": (FIVE, [spoiled(ANGLE, -1, 1, -(2.0**31)), TORQUE], {},
-                              "q2 jumps away for 1 row(s), first at t = 1.198 s to -2.14748e+09: left out"),
+                              "q2 has outliers in 1 row(s), the first (-2.14748e+09) at t = 1.198 s; "
+                              "these rows are left out"),
     "angles that drop to 0": (FIVE, [spoiled(ANGLE, [250, 400], slice(None), 0.0), TORQUE], {},
-                              "q2 jumps away for 2 row(s), first at t = 0.5 s to 0: left out"),
+                              "q2 has outliers in 2 row(s), the first (0) at t = 0.5 s; these rows are left out"),
     "a spike of a torque": (FIVE, [ANGLE, spoiled(TORQUE, 300, 0, 1e9)], {},
-                            "tau1 jumps away for 1 row(s), first at t = 0.6 s to 1e+09: left out"),
+                            "tau1 has outliers in 1 row(s), the first (1e+09) at t = 0.6 s; these rows are left out"),
     "a turn": (FIVE, [np.arctan2(np.sin(ANGLE + 2.6), np.cos(ANGLE + 2.6)), TORQUE], {},
-               "q2 jumps by a turn, 6.2832 in 2 place(s): unwrapped"),
+               "q2 jumps by a turn (6.2832) in 2 place(s), so it is unwrapped"),
     "degrees": ("time,q1 [deg],q2 [deg],tau1,tau2", [np.degrees(ANGLE) % 360.0, TORQUE], {},
-                "q2 jumps by a turn, 360 in 2 place(s): unwrapped"),
+                "q2 jumps by a turn (360) in 2 place(s), so it is unwrapped"),
     "noise that wraps to and fro": (FIVE, [(ANGLE * [1.0, 0.0] + 1e-4 * (-1.0) ** (ROW // 2)) % (2.0 * np.pi), TORQUE],
-                                    {}, "q2 jumps by a turn, 6.2832 in 299 place(s): unwrapped"),
+                                    {}, "q2 jumps by a turn (6.2832) in 299 place(s), so it is unwrapped"),
     "counts": (FIVE, [np.round(ANGLE * RATE) % 1024, TORQUE], {"q": 1.0 / RATE},
-               "q2 jumps by 1024 in 2 place(s): unwrapped"),
+               "q2 jumps by 1024 in 2 place(s), so it is unwrapped"),
 }  # fmt: skip
 
 
@@ -469,7 +474,7 @@ def test_a_right_log_stays_untouched(name, tmp_path):
 
 def test_the_newest_row_may_come_first(tmp_path):
     (log,) = read_log(written(tmp_path, "\n".join([FIVE, *ROWS[:0:-1]])))
-    assert log.remarks == ("its time decreases throughout: read from the last row to the first",)
+    assert log.remarks == ("its time decreases throughout, so it is read from the last row to the first",)
     np.testing.assert_allclose(log.torque, TORQUE, atol=1e-8)
 
 

@@ -165,12 +165,16 @@ def test_what_it_learns_from_a_pass_and_what_it_believes_is_passed_on(module):
         (
             "return self\n",
             "return 3\n",
-            "my_law:Law: repeated returned an object of type int, which has no method predict",
+            "my_law:Law: repeated() returned an object of type int, which has no method predict",
         ),
-        ("begin_pass", "begin", "my_law:Law: repeated returned an object of type Law, which has no method begin_pass"),
+        (
+            "begin_pass",
+            "begin",
+            "my_law:Law: repeated() returned an object of type Law, which has no method begin_pass",
+        ),
         ("return self\n", "return 1 / 0\n", "my_law:Law: repeated failed: ZeroDivisionError: division by zero (my_law"),
         ("return state + 1", "return 1 / 0", "my_law:Law: begin_pass failed: ZeroDivisionError"),
-        ("payload=1.0,", "", "my_law:Law: beliefs returned an object of type SimpleNamespace, which lacks payload"),
+        ("payload=1.0,", "", "my_law:Law: beliefs() returned an object of type SimpleNamespace, which lacks payload"),
     ],
 )
 def test_what_fails_between_passes_is_one_line(module, before, after, expected):

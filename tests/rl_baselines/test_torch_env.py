@@ -303,7 +303,9 @@ def test_without_a_compiler_one_line_says_what_to_do(monkeypatch):
     monkeypatch.setattr(torch, "compile", without_a_compiler)
     envs = TorchFuzzyArm(2, device="cpu", compiled=True)
     envs.reset(seed=0)
-    with pytest.raises(RuntimeError, match=r"^compiled=True needs a C\+\+ compiler and found none: .*compiled=False"):
+    with pytest.raises(
+        RuntimeError, match=r"^compiled=True needs a C\+\+ compiler, but none was found: .*compiled=False"
+    ):
         envs.step(np.zeros((2, 2)))
 
 

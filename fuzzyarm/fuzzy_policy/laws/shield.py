@@ -44,7 +44,8 @@ class ShieldedPolicy(LawPolicy):
         instance("guest", guest, Policy)  # type: ignore[type-abstract]
         if law_of(law) is None:
             raise ValueError(
-                f"the law of a shield must be a policy with a `Law`, such as fuzzy-4-tip; {type(law).__name__} has none"
+                "a shield needs a policy whose control law is defined as a `Law`, such as fuzzy-4-tip; "
+                f"{type(law).__name__} does not define one"
             )
         if guest.parameters != law.parameters or guest.control_period != law.control_period:
             raise ValueError("law and guest must be for the same arm and control period")

@@ -134,7 +134,7 @@ def test_a_shield_is_written_in_c_like_any_law():
 
 
 def test_an_observer_is_not_written_in_float_because_it_is_a_guest(tmp_path):
-    with pytest.raises(ValueError, match="needs double"):
+    with pytest.raises(ValueError, match='needs number = "double"'):
         export_c("shield", load_policy("shield:fuzzy-4-tip:adaptive-observer:4,2"), tmp_path, "float")
 
 

@@ -46,7 +46,7 @@ def refused(policy, state):
     huge[1, 7] = 1e300
     parts = vars(state) if dataclasses.is_dataclass(state) else {"memory": state}
     before = copy.deepcopy(parts)
-    with pytest.raises(ValueError, match=r"^the policy gives no finite torque .* with a number of magnitude 1e\+300"):
+    with pytest.raises(ValueError, match=r"^the policy returns no finite torque, .* has magnitude 1e\+300"):
         policy.predict(huge, state)
     assert identical(parts, before)
 
@@ -69,7 +69,11 @@ def test_what_is_no_state_is_refused_by_name():
         (ADAPTIVE.beliefs, ["a"], rf"= \['a'\] must be an array of shape \(..., {SIZE}\)"),
         (ADAPTIVE.beliefs, np.zeros(3), rf"has shape \(3,\); allowed: \(..., {SIZE}"),
         (PASSES.beliefs, None, "= None must be the PassState"),
-        (PASSES.begin_pass, np.zeros(3), r"= array\(\[0., 0., 0.\]\) must be the PassState that predict or begin_pass"),
+        (
+            PASSES.begin_pass,
+            np.zeros(3),
+            r"= array\(\[0., 0., 0.\]\) must be the PassState returned by predict or begin_pass",
+        ),
         (PASSES.begin_pass, learning, "must be the PassState"),
         (
             PASSES.begin_pass,
@@ -77,7 +81,7 @@ def test_what_is_no_state_is_refused_by_name():
             f"has a memory of 7 numbers, but this policy needs {SIZE}",
         ),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), "must be the PassState"),
-        (LEARNING.begin_pass, None, "= None must be the LearnedTorque that predict"),
+        (LEARNING.begin_pass, None, "= None must be the LearnedTorque returned by predict"),
         (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "is for 2 lanes, but the observation has 1"),
     ):
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:

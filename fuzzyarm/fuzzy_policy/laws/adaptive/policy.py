@@ -152,7 +152,8 @@ class AdaptiveObserverPolicy(LawPolicy):
         found = law_of(self.fallback)
         if found is None:
             raise ValueError(
-                f"fallback = {type(self.fallback).__name__} has no `Law`; give a policy of `fuzzyarm.fuzzy_policy.laws`"
+                "fallback must be a policy whose control law is defined as a `Law`, such as one of "
+                f"`fuzzyarm.fuzzy_policy.laws`; {type(self.fallback).__name__} does not define one"
             )
         return found
 

@@ -83,11 +83,11 @@ def read_bundle(
         description: Any = record(_without_off(check_schema(content, schema)), kind)
     except ValueError as error:
         raise BundleError(f"{path} is not a description of a policy: {error}; train the policy again") from None
-    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is not a policy of this package")
+    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "it is not a policy of this package")
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(
-            f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
-            "the whole folder again, or train again"
+            f"{folder / WEIGHTS} is not the file that belongs to {DESCRIPTION} (its sha256 differs): copy the whole "
+            "folder again, or train the policy again"
         )
     try:
         tensors = _tensors_in(weights)
@@ -124,12 +124,12 @@ def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
         raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
     for name, tensor in tensors.items():
         if tensor.dtype != np.float32:
-            raise ValueError(f"the array {escaped(name)} is {tensor.dtype}; needed: float32")
+            raise ValueError(f"the array {escaped(name)} has type {tensor.dtype}; needed: float32")
     return tensors
 
 
 def _content(path: Path) -> Any:
-    return _read(path, read_json, _LARGEST_DESCRIPTION, "copy the bundle again, or train again")
+    return _read(path, read_json, _LARGEST_DESCRIPTION, "copy the bundle again, or train the policy again")
 
 
 def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> Any:

@@ -106,7 +106,7 @@ class ActionDefinition:
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:
             raise ValueError(
                 f"the policy acts every {self.period:g} s, which is not a whole multiple of control_period = "
-                f"{control_period:g} s; allowed periods: {self.period:g} s divided by 1, 2, 3, ..."
+                f"{control_period:g} s; allowed control periods: {self.period:g} s divided by 1, 2, 3, ..."
             )
         return calls
 

@@ -148,8 +148,8 @@ def guided(base: Policy | None, name: str | None = None, *, beside: bool = False
     law = law_of(base)
     if law is None:
         raise ValueError(
-            f"the base {name} is of type {type(base).__name__}, which has no `Law`; allowed: a fuzzy policy, "
-            "computed-torque, their -tip forms, or elastic-observer"
+            f"the base {name} is of type {type(base).__name__}, which does not define its control law as a `Law`; "
+            "allowed: a fuzzy policy, computed-torque, their -tip forms, or elastic-observer"
         )
     command = within_limits(law, base.joints, base.integral_at)
 

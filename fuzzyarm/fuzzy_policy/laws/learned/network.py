@@ -117,7 +117,7 @@ _LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory i
 def real_array(name: str, array: Any, axes: int) -> None:
     """Check that a value is an array of real numbers with `axes` axes; TypeError or ValueError otherwise."""
     if instance(name, array, np.ndarray).dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")
+        raise TypeError(f"{name} must contain real numbers, not {shown(array.dtype)}")
     if array.ndim != axes:
         raise ValueError(f"{name} has {array.ndim} dimension(s); needed: {axes}")
 
@@ -197,8 +197,8 @@ class Network:
             real_array("biases", bias, 1)
         if not 1 <= len(self.weights) <= _MOST_LAYERS or len(self.biases) != len(self.weights):
             raise ValueError(
-                f"the network has {len(self.weights)} weights and {len(self.biases)} biases; needed: one of each for "
-                f"every layer, with 1 to {_MOST_LAYERS} layers"
+                f"the network has {len(self.weights)} weight matrices and {len(self.biases)} bias vectors; needed: one "
+                f"of each for every layer, and 1 to {_MOST_LAYERS} layers"
             )
         if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
             raise ValueError(f"the layers have the widths {self.sizes}; allowed: 1 to {_LARGEST_LAYER} each")

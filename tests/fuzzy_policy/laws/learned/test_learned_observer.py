@@ -215,7 +215,10 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
         (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
         (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
         (edited(control_period=5.0), "control_period"),
-        (edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}), "it must name one arm"),
+        (
+            edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}),
+            "it must define its arm by exactly one of parameters and arm",
+        ),
     ],
 )
 def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):
@@ -283,6 +286,6 @@ def test_the_margins_of_a_robot_are_the_elastic_observers():
     own, base = (policy_margins(one, PLANAR, PERIOD)["spectral_radius"]["nominal"] for one in policies)
     assert own == base
     with pytest.raises(
-        ValueError, match="the network is for 6 joints and a tip in 3 axes, but the arm has 3 joints and"
+        ValueError, match="the network is for 6 joints and a tip with 3 coordinates, but the arm has 3 joints and"
     ):
         LearnedObserverPolicy(estimate_network(6, 3), PLANAR, PERIOD)

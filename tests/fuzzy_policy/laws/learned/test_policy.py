@@ -87,7 +87,10 @@ def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
 def test_periods_and_bases_that_do_not_fit_are_named():
     residual, base = bundle(ActionDefinition((0.01, 0.01), base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
     for made, message in (
-        (lambda: LearnedPolicy(bundle(), 1.5e-3), r"acts every 0.002 s.* = 0.0015 s; allowed periods: 0.002 s divided"),
+        (
+            lambda: LearnedPolicy(bundle(), 1.5e-3),
+            r"acts every 0.002 s.* = 0.0015 s; allowed control periods: 0.002 s divided",
+        ),
         (lambda: LearnedPolicy(bundle(), 4e-3), r"control_period = 0.004 s"),
         (lambda: LearnedPolicy(residual), "trained with base = fuzzy-4, but base = none"),
         (lambda: LearnedPolicy(bundle(), base=base), "trained with base = None, but base = FuzzyPolicy"),
@@ -107,7 +110,7 @@ def test_a_folder_is_the_policy_it_holds_and_its_base_comes_with_it(tmp_path, ac
     bundle(ActionDefinition((0.01, 0.01), base="/somewhere/else.json")).save(tmp_path / "strange")
     with pytest.raises(ValueError, match="which is not one of: fuzzy-32"):
         load_policy(tmp_path / "strange")
-    with pytest.raises(ValueError, match=r"is not a policy folder, which must contain policy\.json and weights"):
+    with pytest.raises(ValueError, match=r"is not a policy folder: it contains neither policy\.json nor weights"):
         load_policy(tmp_path)
 
 

@@ -205,8 +205,8 @@ class EstimateBundle(Trained):
         joints = len(ArmParameters().length)
         if isinstance(self.arm, ArmParameters) and (self.network.joints, self.network.axes) != (joints, joints):
             raise ValueError(
-                f"it is for the two-joint arm, but its network is for {self.network.joints} joints and a tip in "
-                f"{self.network.axes} axes"
+                f"it is for the two-joint arm, but its network is for {self.network.joints} joints and a tip with "
+                f"{self.network.axes} coordinates"
             )
 
     def serves(self, arm: AnyArm) -> bool:
@@ -231,7 +231,7 @@ class EstimateBundle(Trained):
             if set(tensors) != names:
                 raise ValueError(f"the weights are {listed(tensors)}; needed: {', '.join(sorted(names))}")
             if (found.arm is None) == (found.parameters is None):
-                raise ValueError("it must name one arm: give either parameters or arm")
+                raise ValueError("it must define its arm by exactly one of parameters and arm")
             arm = found.arm or ArmParameters.from_dict(found.parameters or {})
             period = checked_period("control_period", found.control_period)
             return cls(EstimateNetwork(**tensors), arm, period, **trained)

@@ -81,8 +81,8 @@ class LearnedObserverPolicy(LawPolicy):
         arm, physics = self.parameters, equations_of(self.parameters)
         if (network.joints, network.axes) != (physics.joints, physics.axes):
             raise ValueError(
-                f"the network is for {network.joints} joints and a tip in {network.axes} axes, but the arm has "
-                f"{physics.joints} joints and a tip in {physics.axes} axes"
+                f"the network is for {network.joints} joints and a tip with {network.axes} coordinates, but the arm "
+                f"has {physics.joints} joints and a tip with {physics.axes} coordinates"
             )
         weights = dataclasses.replace(regulator.adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
         self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period, weights)
