@@ -2,9 +2,9 @@
 
 The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know the next load
 must allow for it. A mean over the cases would let micrometres without load compensate for millimetres under load.
-Over several seeds the score is the interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is
-better. A policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such policies rank last,
-ordered by the number of episodes in which they lost it.
+Over several seeds the score is the interquartile mean of the seeds' errors, with a bootstrap interval of 95 %
+(`statistics`). Smaller is better. A policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such
+policies rank last, ordered by the number of episodes in which they lost it.
 
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
 `eval.sweep.ranking` ranks over plants.
