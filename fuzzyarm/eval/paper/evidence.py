@@ -226,7 +226,7 @@ class Evidence:
         return {key: _peak(self.rollouts[key, "nominal"].torque[:, int(joint) - 1]) for key in TITLES}
 
     def shortest_episode(self) -> dict[str, float]:
-        """Return the duration [s] of the shortest episode of the three cases; shorter if the arm left the box (25)."""
+        """Return the shortest duration [s] of the episodes of the three cases; the reference's unless one left (25)."""
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:

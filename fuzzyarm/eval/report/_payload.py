@@ -18,7 +18,7 @@ from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 __all__ = ["replay_data"]
 
 _LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
-_POSES = 200  # about as many poses of a motion determine camera and floor
+_POSES = 200  # approximate number of poses that determine camera and floor
 _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 

@@ -8,7 +8,7 @@ observer, is linearised without that model, as ``Policy.without_dry_friction()``
 friction here either.
 
 The result is local, at frozen postures and without dry friction. It compares policies and proves nothing about the
-moving arm. Proofs are in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
+moving arm. Proofs are in the certificates (`fuzzyarm.proof`); the margins stated there are those of the proof.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -120,8 +120,8 @@ def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> GainLimits:
 
 
 POSTURES = 16
-"""Number of instants, evenly spaced over the arm's default reference; 300 instants of the paper's change a gain
-margin by 0.2 %."""
+"""Number of instants, evenly spaced over the arm's default reference; 300 instants of the paper's reference
+change a gain margin by 0.2 %."""
 _PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
 # Step of the law's differences, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per
 # rad s, and a network may bend within 1e-6 rad. A measured angle and its remembered value have the same step, so that

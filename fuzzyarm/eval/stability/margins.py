@@ -110,7 +110,7 @@ class MarginsConfig:
         return named or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
     def command(self) -> str | None:
-        """Return the command line of this configuration, paths as in `recorded`; None if `robot` is an object."""
+        """Return the command line of this configuration, with its paths as `recorded`; None if `robot` is an object."""
         if not isinstance(self.robot, str | os.PathLike | None):
             return None
         words = ["fuzzyarm", "margins"]
