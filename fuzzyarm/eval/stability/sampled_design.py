@@ -26,7 +26,7 @@ def first_with_margins(
     """Return the first design whose loop on the sampled elastic arm tolerates twice its gain and one sample of delay.
 
     The loop on each arm in `ends`, at the ends of ranges, must tolerate the same. If no design qualifies, the last one
-    that exists is returned; a single candidate is not measured. The control period is in s.
+    that exists is returned; a single candidate is not measured. `control_period` is in [s].
 
     Raises:
         DesignFailed: there is no design for any candidate; the message is about the first.
