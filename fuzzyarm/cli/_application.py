@@ -4,7 +4,7 @@ A command is a module of this package with a frozen dataclass `Options`, whose f
 `run` returns the exit code. The docstring of `Options` and the texts after its fields are the help, in Markdown. Only
 the module of the requested command is imported; its computational code is imported in `run`.
 
-Exit codes: 0 success, 1 a failed result, 2 bad usage, 130 interrupted, 141 the reader of a pipe has left.
+Exit codes: 0 success, 1 a failed result, 2 bad usage, 130 interrupted, 141 the reader of a pipe has exited.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ _NEXT = {
     "paper": "read paper.md, which lists every number and why it differs",
     "bench": "--lanes-sweep --out DIR plots the speed over the number of arms",
 }
-"""What may come after a command, for readers of a terminal; `evaluate` and `tune` say it themselves."""
+"""The suggested next step after a command, shown on a terminal; `evaluate` and `tune` print their own."""
 
 _FLAGS = ("--help", "-h", "--version", "--install-completion")
 
@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except cyclopts.CycloptsError as error:
         return _fail(f"{command}: {_explain(error)}", 2)
     except BrokenPipeError:
-        return 141  # the reader, such as head, has left: what a shell reports for it
+        return 141  # the reader of the pipe, such as head, has exited; shells report this code
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"{command}: {where}{error.strerror or error}", 2)
@@ -119,10 +119,10 @@ def entry_point() -> None:
 
 
 def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
-    """Return the parser of the command line.
+    """Return the command-line parser.
 
     Args:
-        words: words of the command line; only the modules that they need are imported. None imports all.
+        words: arguments of the command line; only the modules that they need are imported. None imports all modules.
     """
     flags = cyclopts.Group("Options", sort_key=0)
     made = cyclopts.App(
@@ -159,7 +159,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
         importlib.import_module("fuzzyarm.cli._commands.train").add_algorithms(made["train"])
     elif words and words[0] in _modules():  # the command shows the docstring of its options, and its arguments
         command = made[words[0]]
-        command.help = None  # so far the line for the list of all commands
+        command.help = None  # replaces the line for the list of all commands
         if arguments := arguments_of(command.default_command):
             command.usage = f"Usage: fuzzyarm {words[0]} [OPTIONS] {arguments}"
     return made
@@ -182,7 +182,7 @@ def _run(words: Sequence[str]) -> int:
     if isinstance(command, type):
         options: Any = command(*bound.args, **bound.kwargs)
         code: int = options.run()
-        _name_left_out(getattr(options, "robot", None))  # after it: bad usage is one line
+        _name_left_out(getattr(options, "robot", None))  # last: an error of usage must remain a single line
         plain = getattr(options, "json", False) or getattr(options, "csv", False)
         if code == 0 and not plain and words[0] in _NEXT and sys.stdout.isatty():
             say(f"next: {_NEXT[words[0]]}")
@@ -199,12 +199,12 @@ def _fail(message: str, code: int) -> int:
 
 
 def _name_left_out(robot: Any) -> None:
-    """Print on standard error which parameters the TOML file of a two-joint arm takes from Table 1."""
+    """Print on standard error which parameters the TOML file of a two-joint arm omits; Table 1 provides them."""
     if isinstance(robot, str) and robot.endswith(".toml"):
         from fuzzyarm.common.documents import read_toml
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
-        with contextlib.suppress(OSError, ValueError):  # a robot by its frames
+        with contextlib.suppress(OSError, ValueError):  # the file of a robot with frames
             given = {name: value for name, value in read_toml(Path(robot)).items() if name != "ranges"}
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
             if ArmParameters.from_dict(given) and names:
@@ -212,7 +212,7 @@ def _name_left_out(robot: Any) -> None:
 
 
 def _whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:
-    """Convert the words of an option to its type; 4e6 is an integer, 4.5 is not (cyclopts rounds 4.5, refuses 4e6)."""
+    """Convert the arguments of an option; 4e6 is an integer, 4.5 is not (cyclopts would round 4.5 and refuse 4e6)."""
     return cyclopts.convert(kind, tokens, converter=_converted)
 
 

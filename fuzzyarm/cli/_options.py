@@ -21,7 +21,7 @@ __all__ = ["arguments_of", "chosen", "given", "named_as_option", "option_name", 
 _Options = TypeVar("_Options")
 _Config = TypeVar("_Config")
 
-# Fields with several values whose option gives one at a time: it may be repeated.
+# Fields with several values; their option sets one value and may be repeated.
 _NAMES = {"policies": "policy", "cases": "case", "ranges": "range"}
 
 
@@ -31,7 +31,7 @@ def option_name(field: str) -> str:
 
 
 def named_as_option(message: str, config: type) -> str:
-    """Return the message of an error about a field, such as ``seeds = 0 is ...``, with the option that sets it."""
+    """Return an error message about a field, such as ``seeds = 0 is ...``, with the option in place of the field."""
     fields = "|".join(field.name for field in dataclasses.fields(config))
     return re.sub(rf"^({fields})(\[\d+\])? = ", lambda found: f"--{option_name(found[1])}{found[2] or ''} ", message)
 
@@ -42,7 +42,7 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
     An option that is not given is None; `chosen` then keeps the value of its starting configuration.
 
     Args:
-        config: a dataclass. The help of an option is the text after the field, or its entry under ``Attributes:`` in
+        config: a dataclass. The help of an option is the string after the field, or its entry under ``Attributes:`` in
             the docstring of the class.
         without: fields that get no option.
     """
@@ -103,7 +103,7 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
         show_default=shown or False,
         metavar=None if hint is bool else _placeholder(hint),
         negative=f"--no-{option_name(field.name)}" if hint is bool else (),
-        # A list that is not empty by default may be made empty, if the configuration takes that.
+        # A list that is not empty by default may be made empty, if the configuration accepts that.
         consume_multiple=(0 if default else 1, None),
     )
     return Annotated[hint | None, parameter]
@@ -129,7 +129,7 @@ def _placeholder(hint: Any) -> str:
 
 @functools.cache
 def _texts(config: type) -> dict[str, str]:
-    """Return the description of each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
+    """Return the description of each field of a dataclass: the string after it, or its entry under ``Attributes:``."""
     texts: dict[str, str] = {}
     for base in reversed(config.__mro__):
         if dataclasses.is_dataclass(base):

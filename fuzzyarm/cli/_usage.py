@@ -24,7 +24,7 @@ def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
     A new folder that is still empty at the end, because the command was refused, is removed. UsageError before any
     computation if the folder cannot be made or written to; ValueError if another process writes to it.
     """
-    if not make and not folder.is_dir():  # what reads it has the better message
+    if not make and not folder.is_dir():  # the reader of the folder gives a better message
         yield
         return
     made = [one for one in (folder, *folder.parents) if not one.exists()]
@@ -33,7 +33,7 @@ def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
         with locked_folder(folder):
             yield
     finally:
-        with contextlib.suppress(OSError):  # the first that is not empty
+        with contextlib.suppress(OSError):  # at the first folder that is not empty
             for one in made:
                 one.rmdir()
 

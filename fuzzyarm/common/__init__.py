@@ -1,1 +1,1 @@
-"""Helpers for all packages that do not depend on the arm: checks, documents, files, bisection, the terminal."""
+"""Helpers for all packages, independent of the arm: checks, documents, files, bisection, the terminal."""

@@ -1,7 +1,7 @@
 """Bisection, directed rounding to decimal numbers, and consecutive slices.
 
-A float is read as the shortest decimal number that identifies it, its `repr`, which is also what a certificate proves
-(`proof.certificate`). Rounding that decimal up or down is exact.
+A float stands for the shortest decimal number that identifies it, its `repr`; a certificate proves its claims for the
+same decimal (`proof.certificate`). Rounding that decimal up or down is exact.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ def last_that_works(
 ) -> float | None:
     """Return a number that works, within a relative `resolution` of the first that does not.
 
-    From `good` towards `bad`, both positive, in geometric steps: first by the factor bad/good until something fails,
-    then by bisection between the last that works and the first that fails.
+    The search moves from `good` towards `bad`, both positive, in geometric steps: first by the factor bad/good until a
+    number fails, then by bisection between the last number that works and the first that fails.
     `works` is never evaluated at `good`, which is assumed to work. The search gives up beyond `limit` and returns None;
     without a limit, `bad` is assumed to fail and is not evaluated.
     """

@@ -23,30 +23,28 @@ from fuzzyarm.common.documents import DocumentError, open_regular
 
 __all__ = ["read_arrays"]
 
-_LARGEST_ARRAYS = 4 * 2**30  # bytes of all arrays of a file together, if not said otherwise
-_MOST_COMPRESSED = (
-    100  # times smaller than its arrays a file may be; 20 times is seen where a signal is zero throughout
-)
+_LARGEST_ARRAYS = 4 * 2**30  # bytes of all arrays of a file together, unless stated otherwise
+_MOST_COMPRESSED = 100  # largest ratio of the arrays' size to the file's; files with an all-zero signal reach 20
 
 _ENDING, _MAGIC = ".npy", b"\x93NUMPY"
-_KINDS = "biufU"  # truth values, numbers, texts
-_LARGEST_DIRECTORY = 8 * 2**20  # bytes of the list of members, of which each takes about 50
+_KINDS = "biufU"  # booleans, numbers, strings
+_LARGEST_DIRECTORY = 8 * 2**20  # bytes of the list of members; each member takes about 50
 _END, _END64 = struct.Struct("<4s4H2LH"), struct.Struct("<4sQ2H2L4Q")  # the last records of a zip archive
 _LOCATOR = 20  # bytes of the record between the two
 _ENCRYPTED = 0x1
-_SLACK = 2**20  # bytes that a file may always unpack to
-_OF_DAMAGE = (  # what zipfile, zlib, struct and NumPy's reading of a header raise for a damaged file
+_SLACK = 2**20  # bytes added to the size that a file may unpack to
+_OF_DAMAGE = (  # raised by zipfile, zlib, struct and NumPy's reading of a header for a damaged file
     ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError, TypeError, ValueError,
     Warning, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 
 
 class _UnsupportedType(ValueError):
-    """An array has elements that are not read, such as Python objects."""
+    """An array has elements of a type that is not read, such as Python objects."""
 
 
 def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name; a single array has none, "".
+    """Return the arrays of a file by name; the name of a single array is "".
 
     Raises:
         DocumentError: the file is not regular, is not an archive of arrays, is damaged, or unpacks to more than
@@ -71,7 +69,7 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
                     found[member.filename.removesuffix(_ENDING)] = array
                 return found
         except _OF_DAMAGE as error:
-            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a place before the beginning
                 raise
             reason = escaped(" ".join(str(error).split())[:160]) or type(error).__name__
             said = f"{path}: {reason}" if isinstance(error, _UnsupportedType) else f"{path} is damaged ({reason})"
@@ -114,7 +112,7 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
 
 
 def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
-    """Return an array of a file of a size; ValueError unless it has exactly as many bytes as its header states."""
+    """Return the array in a stream of `size` bytes; ValueError unless its header states exactly this size."""
     if np.lib.format.read_magic(stream) != (1, 0):
         raise ValueError(f"{name[:40]!r} must be in version 1.0 of the .npy format")
     with warnings.catch_warnings():

@@ -24,7 +24,7 @@ __all__ = [
 
 _Choice = TypeVar("_Choice")
 
-_NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although classes of numbers are among their bases
+_NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although some have classes of numbers as bases
 _SHOWN = 80  # characters of a value in a message
 _MESSAGE = 300  # characters of a message that quotes a type
 _FEW = 64  # numbers

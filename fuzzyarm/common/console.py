@@ -38,9 +38,9 @@ __all__ = [
 
 _PIPED_WIDTH = 1000  # columns; wide enough for every table
 _NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
-_BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
+_BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, except those within the brackets of a unit such as [N m]
 
-# Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
+# Control characters except the line feed, marks of writing direction, line separators, and surrogates.
 _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 _SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
@@ -51,8 +51,8 @@ _SPELLED_OUT = "fuzzyarm.spelled-out"
 def open_streams() -> bool:
     """Make every standard stream writable; return whether standard output was open.
 
-    A closed stream is opened on the null device; otherwise the next opened file would get its number and the printed
-    text. Characters that the encoding of a stream lacks are escaped.
+    A closed stream is opened on the null device; otherwise the next opened file would get its descriptor, and with it
+    the printed text. Characters that the encoding of a stream lacks are escaped.
     """
     closed = []
     for number in (0, 1, 2):
@@ -61,7 +61,7 @@ def open_streams() -> bool:
         except OSError:
             closed.append(number)
     for _ in closed:
-        os.open(os.devnull, os.O_RDWR)  # gets the smallest free number
+        os.open(os.devnull, os.O_RDWR)  # gets the smallest free descriptor
     if sys.stderr is None:
         sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
@@ -171,11 +171,11 @@ class Sheet:
     headings: Sequence[str]  # of the columns
     rows: Sequence[Sequence[str]]  # of cells
     left: Sequence[int] = (0,)  # indices of the columns that are aligned left; the others are aligned right
-    groups: Sequence[str] = ()  # of each row the title above it on a console; empty: no titles
+    groups: Sequence[str] = ()  # for each row, the title of its group on a console; empty: no titles
     title: str | None = None  # above the table on a console
     fold: bool = False  # whether the columns in `left` are text that may be folded on a terminal
-    keys: int = 1  # columns on the left that each part repeats of a table that is wider than the terminal
-    dispensable: Sequence[int] = ()  # indices of columns that are left out before a table is split, the first one first
+    keys: int = 1  # number of left columns, repeated in each part of a table that is wider than the terminal
+    dispensable: Sequence[int] = ()  # indices of columns that are left out, in this order, before a table is split
     alarm: str = ""  # cells with this word are red
 
     def print(self, console: Console) -> tuple[int, ...]:
@@ -206,7 +206,7 @@ class Sheet:
         yield part
 
     def _table(self, columns: Sequence[int], console: Console) -> Table:
-        """Return the table of some of the columns; all but foldable text keep their width."""
+        """Return the table of some of the columns; columns keep their width unless their text may be folded."""
         from rich import box
         from rich.cells import cell_len
         from rich.table import Table
@@ -240,7 +240,7 @@ class Sheet:
 
 
 def _least_width(table: Table, console: Console) -> int:
-    """Return the width at which every column has at least its longest word."""
+    """Return the smallest width at which every column fits its longest word."""
     return console.measure(table, options=console.options.update(max_width=_PIPED_WIDTH)).minimum
 
 

@@ -33,7 +33,7 @@ __all__ = [
 _Built = TypeVar("_Built")
 _Record = TypeVar("_Record")
 
-_LARGEST = 16 * 2**20  # bytes of a document, if not said otherwise
+_LARGEST = 16 * 2**20  # bytes of a document, unless stated otherwise
 _LARGEST_TOML = 2**18  # bytes; the parser of TOML is slow
 _MOST_VALUES = 500_000  # in a JSON document: an empty list takes fifty times the memory of its two brackets
 _DEEPEST = 40  # levels of lists and mappings
@@ -66,7 +66,7 @@ def read_toml(path: Path, *, largest: int = _LARGEST_TOML) -> dict[str, Any]:
         decoded = text.decode("utf-8")
         _check_dotted_keys(decoded)
         content = tomllib.loads(decoded)
-        _check_values(content, finite=False)  # whose numbers the record checks
+        _check_values(content, finite=False)  # the record checks the numbers
     except (ValueError, RecursionError) as error:
         raise DocumentError(f"{path} is not a TOML file: {_brief(error)}") from None
     return content
@@ -86,9 +86,9 @@ def open_regular(path: Path) -> BinaryIO:
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not stat.S_ISREG(mode):  # opening some devices has consequences
+    if not stat.S_ISREG(mode):  # opening some devices has side effects
         raise DocumentError(f"{path}: not a regular file")
-    # The open file is checked too: it may have been exchanged. Without O_NONBLOCK, opening a pipe waits for a writer.
+    # The open file is checked too: it may have been replaced. Without O_NONBLOCK, opening a pipe waits for a writer.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     file = os.fdopen(handle, "rb")
     if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -143,7 +143,7 @@ def _refuse_unknown(content: Any, kind: Any) -> None:
 
 
 def check_schema(content: Any, schema: str) -> dict[str, Any]:
-    """Return a mapping whose ``schema`` is the one that this version reads; ValueError names both if it is another."""
+    """Return a mapping if its ``schema`` is the given one, which this version reads; if not, ValueError names both."""
     found = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(content, dict) or found != schema:
         raise ValueError(f"the schema is {str(found)[:80]!r}; this version of fuzzyarm reads {schema!r}")

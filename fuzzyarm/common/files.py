@@ -123,7 +123,7 @@ def _inert(value: Any) -> Any:
 
 
 def _mode(path: Path, new: int) -> int:
-    """Return the mode for a file or folder before the umask: `new`, restricted to the mode of one at `path`."""
+    """Return the mode for a file or folder before the umask: `new`, restricted to the mode of any at `path`."""
     try:
         return new & stat.S_IMODE(path.stat().st_mode)
     except OSError:

@@ -25,7 +25,7 @@ class Registry(dict[str, _Thing]):
         _REGISTRIES[home] = self
 
     def added(self) -> dict[str, _Thing]:
-        """Return what was added, by name."""
+        """Return the added objects by name."""
         return {name: thing for name, thing in self.items() if name not in self.shipped}
 
     @staticmethod
@@ -42,7 +42,7 @@ class Registry(dict[str, _Thing]):
 
 
 def lazily(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package; `homes` has the module of each public name, relative to the package."""
+    """Return the `__getattr__` of a package; `homes` maps public names to their modules, relative to the package."""
 
     def find(name: str) -> Any:
         if name not in homes:

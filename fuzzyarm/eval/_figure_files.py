@@ -1,4 +1,4 @@
-"""The style of Matplotlib's figures, and figures as PNG and SVG files."""
+"""The Matplotlib figure style, and saving of figures as PNG and SVG files."""
 
 from __future__ import annotations
 

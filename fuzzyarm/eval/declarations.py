@@ -26,7 +26,7 @@ ROW = ("policy", *HEADINGS)
 def declarations_of(
     specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], arm: AnyArm, passes: int = 1
 ) -> dict[str, Declared | None]:
-    """Return the declarations of loaded policies by label; see `declared`."""
+    """Return the declaration of each loaded policy by label; see `declared`."""
     return {label: declared(spec, policies[label], passes, arm) for label, spec in specs.items()}
 
 
@@ -36,7 +36,7 @@ def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict
 
 
 def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Declared | None]:
-    """Return a file's declarations (None in older files) of the policies with these names; ValueError for others."""
+    """Return the declarations `written` in a file (None in older ones); ValueError if they are of other policies."""
     labels = {resolve(name).label: name for name in names}
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}

@@ -25,7 +25,7 @@ from fuzzyarm.common.registry import Registry
 __all__ = ["Engine", "WorkersLost", "source_of"]
 
 _Result = TypeVar("_Result")
-_TRIES = 3  # how often workers may be lost without anything done in between, until the work is given up
+_TRIES = 3  # losses of workers, with no result in between, after which the work is given up
 _INSTALLED = {"site-packages", "dist-packages"}  # names of the folders that Python packages are installed in
 
 
@@ -88,8 +88,8 @@ class Engine:
             return
         from joblib import Parallel, delayed  # here, because the command line needs only the options of this module
 
-        # loky replaces a worker whose memory has grown, and warns in a thread of its own: as an error, the warning
-        # would end that thread with the work undone. The other warning is about results that nobody consumed.
+        # loky replaces a worker whose memory has grown, and warns in a separate thread: if warnings are errors, this
+        # one would end that thread with the work undone. The other warning is about results that nobody consumed.
         warnings.filterwarnings("ignore", r"A worker stopped|\d+ tasks ", UserWarning)
         content, paths = _pickled(work), tuple(sys.path) if self.backend == "local" else ()
         missing, losses = dict.fromkeys(numbers), 0
@@ -122,7 +122,7 @@ class Engine:
             return
         if self.address is None:
             # Ray reads this when it is imported. Without it even a cluster of one machine listens on all its
-            # addresses, and everybody who can reach Ray's ports can run programs.
+            # addresses, and anybody who can reach Ray's ports can run programs.
             os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # disables Ray's usage statistics
         try:
@@ -133,7 +133,7 @@ class Engine:
                 f'{error.name} is not installed; run in the repository: pip install -c constraints.txt -e ".[cluster]"'
             ) from None
         backend = RayBackend()
-        backend.supports_return_generator = True  # joblib's own pool does not; Ray's hands results over one by one
+        backend.supports_return_generator = True  # unlike joblib's own pool, Ray's returns results one by one
         with _cluster(ray, self.address, self.jobs, modules), parallel_config(backend=backend):
             cpus = max(1, int(ray.cluster_resources().get("CPU", 1)))
             kinds = "RayActor", "WorkerCrashed", "OutOfMemory", "NodeDied", "LocalRayletDied", "ObjectLost"
@@ -145,7 +145,7 @@ class Engine:
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:
-    """Return work and additions, pickled once; each piece unpickles a copy, so that none sees another's state."""
+    """Return work and additions, pickled once; each piece unpickles its own copy and so shares no state."""
     import cloudpickle  # type: ignore[import-untyped]
 
     try:

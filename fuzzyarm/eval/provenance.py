@@ -36,7 +36,7 @@ def made_now(command: str | None) -> dict[str, Any]:
 
 
 def json_text(document: Mapping[str, Any]) -> str:
-    """Return a document as the text of a file."""
+    """Return a results document as JSON text for a file."""
     return json.dumps(document, indent=1) + "\n"
 
 

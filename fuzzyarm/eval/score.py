@@ -43,7 +43,7 @@ __all__ = ["ANCHORS", "closeness", "print_scores", "scores"]
 _GROUPS = ("no load", "machining", "push", "payload and noise")
 """The four loads: none; 0.3 to 1 times the force of Case 2; a constant force of 50 to 150 N in any direction that sets
 in between a fifth and a half of the motion; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the
-encoders. No training of the registered task draws the last two."""
+encoders. Training on the registered task never draws the last two."""
 ANCHORS = ("computed-torque", "learned-observer")
 """The policies whose N are 0 and 100."""
 _RESOLUTION, _LOST = 1e-5, 0.2  # s and R [m]

@@ -1,1 +1,1 @@
-"""The commands: a module each, whose `Options` are its command line and run it."""
+"""The commands, one module each; the `Options` of a module are its command-line options and run the command."""

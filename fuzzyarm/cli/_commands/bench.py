@@ -40,7 +40,7 @@ class Options:
         if config.lanes_sweep and self.out is None:
             raise UsageError("--lanes-sweep draws throughput.png: choose its folder with --out DIR")
         with contextlib.nullcontext() if self.out is None else claimed_folder(self.out):
-            # The bar is drawn between the turns: nothing else may run while one is timed.
+            # The bar is drawn between the turns: nothing else may run while a turn is timed.
             with progress("", config.turns(), between_steps=True) as advance:
                 document = run_bench(config, advance)
             written = write_document(document, self.out) if self.out is not None else []

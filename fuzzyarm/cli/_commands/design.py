@@ -133,12 +133,12 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
 
 
 def _margins(controller: Controller | ScheduledController, period: float, ends: dict[str, AnyArm]) -> str:
-    """Return the stability margins of the policy on the sampled elastic robot, in words, and why it has none."""
+    """Return in words the stability margins of the policy on the sampled elastic robot, and why any are missing."""
     from fuzzyarm.eval.stability.margins import ends_in_words, ends_of, margins_in_words
     from fuzzyarm.eval.stability.sampled_design import why_unstable
     from fuzzyarm.policies import load_policy
 
-    policy = load_policy(controller, control_period=period, allow_unproven=True)  # it was proven a moment ago
+    policy = load_policy(controller, control_period=period, allow_unproven=True)  # it was proven just before
     try:
         text = margins_in_words(policy, policy.parameters, period)
         if ends:
@@ -163,7 +163,7 @@ def _premise(text: str) -> Premise:
 
 
 def _specifications(options: Options, arm: ArmParameters) -> list[Specification]:
-    """Return what is asked for, one specification for each decay rate that may be tried."""
+    """Return the requested specifications, one for each decay rate that may be tried."""
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
     from fuzzyarm.synthesis import Specification
     from fuzzyarm.synthesis.specification import ALPHAS, gamma_for

@@ -65,7 +65,7 @@ class Options:
     --policy names it too. If a policy's file has moved, give its new path with --policy"""
 
     def run(self) -> int:
-        """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
+        """Evaluate; return 1 if an episode ended early or, with `check`, if a number differs."""
         if self.check is not None:
             return _repeat(self, self.check)
         from fuzzyarm.eval.declarations import print_declared
@@ -83,7 +83,7 @@ class Options:
             written = write_results(evaluation, out)
             with progress("figures", None) as advance:
                 written += write_figures(evaluation.rollouts, out, advance, titles)
-            written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
+            written.append(write_rollouts(evaluation.rollouts, out))  # last: this file completes the evaluation
         if self.json:
             say_json(evaluation.to_dict())
         else:

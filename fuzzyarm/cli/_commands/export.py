@@ -46,7 +46,7 @@ class Options:
     """For automaton: box of initial states, as for fuzzyarm prove (default: at rest on the path)"""
 
     def run(self) -> int:
-        """Write the files and say which."""
+        """Write the files and print their names."""
         from fuzzyarm.cli._commands.show import loaded
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.export.automaton import export_automaton

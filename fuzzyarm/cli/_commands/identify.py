@@ -116,7 +116,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
 
 
 def _pairs(option: str, text: str | None) -> dict[str, str]:
-    """Return the pairs of key=value,key=value; UsageError for another text, or a key that is given twice."""
+    """Return the pairs of key=value,key=value; UsageError for any other text or a repeated key."""
     pairs = [pair.partition("=") for pair in text.split(",")] if text is not None else []
     found = {key.strip(): value.strip() for key, _, value in pairs}
     if len(found) < len(pairs) or not all(key and value for key, value in found.items()):
@@ -125,7 +125,7 @@ def _pairs(option: str, text: str | None) -> dict[str, str]:
 
 
 def _logs(options: Options) -> list[Log]:
-    """Return the logs of all files, in parts where a file has gaps."""
+    """Return the logs of all files; a file with gaps gives one log for each part."""
     from fuzzyarm.identification.reading import read_log
 
     if len({path.resolve() for path in options.log}) < len(options.log):
@@ -141,7 +141,7 @@ def _logs(options: Options) -> list[Log]:
 
 
 def _identify(options: Options, start: AnyArm) -> int:
-    """Identify an arm from logs; print what was done to them, and the results."""
+    """Identify an arm from logs; print how the logs were processed, and the results."""
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.envs.physics.equations import robot_of
     from fuzzyarm.envs.physics.parameters import ArmParameters

@@ -1,4 +1,4 @@
-"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm, and for regression, with its settings.
+"""`fuzzyarm train ALGORITHM`: one command for each learning algorithm and one for regression, with its settings.
 
 The folder gets ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last evaluated) and
 ``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time). The same command
@@ -137,7 +137,7 @@ def train_with_progress(config: TrainingConfig, folder: Path) -> None:
 
 
 def _errors(row: dict[str, Any]) -> str:
-    """Return the largest tip errors of an evaluation by case; empty if the row holds none."""
+    """Return the largest tip errors of an evaluation by case; an empty string if the row has no errors."""
     return ", ".join(
         f"{case} {row[f'{case}_max_mm']:.2f}"
         + ("" if row[f"{case}_share"] == 1.0 else f" (left after {100 * row[f'{case}_share']:.0f} %)")
@@ -148,7 +148,7 @@ def _errors(row: dict[str, Any]) -> str:
 
 @contextlib.contextmanager
 def _training_libraries() -> Iterator[None]:
-    """Say how to install torch or stable-baselines3 if the enclosed code lacks one of them."""
+    """Raise ValueError, with the install command, if torch or stable-baselines3 is missing in the block."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Accuracy of the environment's time step: the same closed loop with the integrator and the event integrator."""
+"""Accuracy of the time step: one closed loop, run with the environment's integrator and with the event integrator."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
 def exact_tips(policy: Predictor, case: str) -> np.ndarray:
     """Return the tip (n, 2) [m] after every control step, with the plant solved by `event_integrator`.
 
-    The tip force is a function of time. The policy acts on the states computed here. It takes about ten seconds.
+    The tip force is a function of time. The policy acts on the states computed here. The run takes about ten seconds.
     """
     env, disturbance = FuzzyArmEnv(case=case), find_case(case).disturbance
     reference, period, tip_force = env.reference, env.control_period, disturbance.tip_force

@@ -1,6 +1,6 @@
 """Entries of the speed table: this project's environments, sweeps with and without a kernel, and their peers.
 
-Opening an entry gives a function that runs for a wall time and returns environment steps per second. A step is a
+Opening an entry gives a function that runs for a given wall time and returns environment steps per second. A step is a
 control step with observation, reward and due resets, under actions drawn beforehand. The peers are the most similar
 environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
 """
@@ -47,7 +47,7 @@ _TORCH_LANES = 4096  # smallest batch measured in torch: below, the fixed cost o
 _MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
 
 UNAVAILABLE = (ImportError, gym.error.Error, RuntimeError)
-"""What opening an entry raises where a package, a compiler or a device is missing."""
+"""The errors of opening an entry whose package, compiler or device is missing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +83,7 @@ def batch_entries(lanes: int, threads: int) -> list[Entry]:
 
     Torch is measured from 4096 lanes on, peers up to 4096 lanes.
     """
-    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
+    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many threads as help
     own = functools.partial(_batch, lanes, used)
     found = [Entry("FuzzyArm-v0, machine code", lanes, used, own, tip_error=_own_tip_error)]
     if lanes >= _TORCH_LANES:
@@ -96,7 +96,7 @@ def batch_entries(lanes: int, threads: int) -> list[Entry]:
         for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
             opened = functools.partial(_envpool, name, lanes, threads)
             found.append(Entry(f"EnvPool {name}", lanes, threads, opened, peer=heading))
-        # `benchmarks/mujoco_arm.py` chose both methods: the fastest as accurate as ours, and the fastest.
+        # `benchmarks/mujoco_arm.py` chose both methods: the fastest that is as accurate as ours, and the fastest.
         for heading, substeps, step in (("MuJoCo arm", 30, "1/30 ms"), ("MuJoCo arm, 1 ms", 1, "1 ms")):
             opened = functools.partial(_mujoco, lanes, threads, substeps)
             error = functools.partial(_mujoco_tip_error, substeps)
@@ -174,7 +174,7 @@ def _single_environment(name: str, scale: float) -> Iterator[Measure]:
 
 
 def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
-    """Return the batched environment as `gymnasium.make_vec` gives it, after a reset."""
+    """Return the batched environment made by `gymnasium.make_vec`, after a reset."""
     envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="vector_entry_point", threads=threads)
     envs.reset(seed=0)
     return envs
@@ -211,7 +211,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
 
 
 def _torch_modules(device: str) -> tuple[ModuleType, ModuleType]:
-    """Return `fuzzyarm.rl_baselines.torch_env` and its torch, if they can step on the device."""
+    """Return the modules `fuzzyarm.rl_baselines.torch_env` and torch if they can step on the device."""
     # By name: only rl_baselines imports torch, which is optional.
     torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
     torch: ModuleType = torch_env.torch
@@ -268,7 +268,7 @@ def _swept(config: SweepConfig, run: Callable[..., Any]) -> Iterator[Measure]:
         yield timed(advance)
 
 
-# Tip errors. Batches of all sizes share them: a lane of a batch is the single arm, bit for bit.
+# Tip errors. Batches of all sizes have the same ones: a lane of a batch equals the single arm, bit for bit.
 
 
 @functools.cache

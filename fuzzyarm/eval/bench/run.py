@@ -24,7 +24,7 @@ from fuzzyarm.eval.provenance import json_text, made_now, version_of
 __all__ = ["BenchConfig", "run_bench", "write_document"]
 
 
-_SWEEP_LANES = tuple(4**power for power in range(10))  # sizes of the batches that throughput is drawn over
+_SWEEP_LANES = tuple(4**power for power in range(10))  # batch sizes in the figure of the throughput
 _FEWEST_ROUNDS = 5  # quartiles of fewer rounds say little
 
 
@@ -71,7 +71,7 @@ class BenchConfig:
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
-        # In torch the fastest only: each number of lanes is compiled again, which takes a minute.
+        # Of the torch entries only the fastest: torch compiles for each number of lanes, which takes a minute.
         return {
             f"sweep, {lanes} lanes": [
                 one
@@ -95,16 +95,16 @@ class BenchConfig:
 
 _SCHEMA = "fuzzyarm-bench/1"
 _WARM_UP = 0.1  # s, after the first step, which may compile
-_MEMORY_LANES = (1024, 5120)  # two sizes of the batch; the memory of a lane is the difference between them
+_MEMORY_LANES = (1024, 5120)  # two batch sizes; the memory per lane follows from the difference between them
 
 
 def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Measure everything and return the document that `fuzzyarm bench --json` prints.
 
-    It holds provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
-    quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
-    ``tip_error_um``; and ``memory_per_lane`` [bytes]. `progress` is called `config.turns()` times with a description of
-    the next turn.
+    The document contains the provenance and ``memory_per_lane`` [bytes]. Each entry in ``rows`` and ``sweep`` has its
+    configuration, ``steps_per_s`` (median and quartiles; None if it was not measured, for the ``reason`` given there),
+    ``ratios`` to the peers of its group, and ``tip_error_um``. `progress` is called `config.turns()` times with a
+    description of the next turn.
     """
     rows, sweep = (
         [row for name, group in groups.items() for row in _race(name, group, config.rounds, config.seconds, progress)]
@@ -129,8 +129,8 @@ def _race(
     """Measure the entries of a group in turns, each once in every round, and return a row of the document for each.
 
     The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
-    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each with a description. Tip
-    errors are computed after the last turn.
+    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each turn with a description.
+    Tip errors are computed after the last turn.
     """
     with contextlib.ExitStack() as stack:
         measures, reasons = {}, {}
@@ -187,7 +187,7 @@ def _memory_per_lane() -> float:
             tracemalloc.stop()
 
     few, many = _MEMORY_LANES
-    traced(few)  # makes what is made once and kept, which does not count
+    traced(few)  # creates objects that are made once and kept: they do not count
     return (traced(many) - traced(few)) / (many - few)
 
 

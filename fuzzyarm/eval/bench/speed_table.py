@@ -59,7 +59,7 @@ def _speed_notes(document: dict[str, Any]) -> list[str]:
 
 
 def print_speeds(document: dict[str, Any], console: Console) -> None:
-    """Print the table and its notes; of the sweep over lanes, print only what was measured."""
+    """Print the table and its notes; of the sweep over lanes, print only the measured rows."""
     headings, cells = _speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
     Sheet(headings[1:], [row[1:] for row in cells], groups=[row[0] for row in cells]).print(console)
     print_paragraphs(console, _speed_notes(document))

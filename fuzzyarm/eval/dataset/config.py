@@ -15,7 +15,7 @@ VERSION = 0
 _Level = Literal["expert", "medium", "mixed"]
 """The quality of the policies."""
 Condition = Literal["nominal", "loads"]
-"""The arms, loads and paths on which they act."""
+"""The arms, loads and paths on which the policies act."""
 
 LEVELS: Mapping[_Level, tuple[str, ...]] = {
     "expert": ("learned-observer",),
@@ -28,7 +28,7 @@ CONDITIONS: Mapping[Condition, Mapping[str, Any]] = {
     "nominal": {"case": "nominal"},
     "loads": {"case": "machining", "randomisation": "robust"},
 }
-"""Arguments of ``FuzzyArm-v0``; in loads it draws plant, payload, force, start and reference of each episode."""
+"""Arguments of ``FuzzyArm-v0``; "loads" draws plant, payload, force, start and reference for each episode."""
 
 _MOST_EPISODES = 2_000  # half a gigabyte in memory while they are written
 

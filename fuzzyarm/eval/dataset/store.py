@@ -1,4 +1,4 @@
-"""Data sets of episodes: recorded in batches, and written and read by Minari as HDF5 numbers with metadata as text.
+"""Data sets of episodes: recorded in batches, and stored by Minari: numbers in HDF5, metadata as text.
 
 A folder of data sets is Minari's root: with ``MINARI_DATASETS_PATH=FOLDER``, `minari.load_dataset` finds them.
 """
@@ -33,7 +33,7 @@ from fuzzyarm.policies.spec import resolve
 __all__ = ["check_installed", "open_dataset", "provenance_of", "record", "score_of", "write_dataset"]
 
 _SCHEMA, _KEY, _DATA = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm", "data"
-_LANES = 64  # episodes that are recorded at once
+_LANES = 64  # episodes that are recorded simultaneously
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def score_of(recorded: Sequence[_Episode], condition: Condition) -> tuple[float,
     seed, count = recorded[0].seed, len(recorded)
     anchors = {name: list(record(load_policy(name), condition, count, seed)) for name in ANCHORS}
     runs = [recorded, *anchors.values()]
-    steps = [max(len(one.rewards) for one in same) for same in zip(*runs, strict=True)]  # of one that ended early
+    steps = [max(len(one.rewards) for one in same) for same in zip(*runs, strict=True)]  # of the longest of these runs
     own, low, high = (
         np.mean([closeness(one.tip_errors).sum() / count for one, count in zip(run, steps, strict=True)])
         for run in runs
@@ -161,7 +161,7 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
         folder.parent.mkdir(parents=True, exist_ok=True)
         for part in Path(work, config.name).parent.iterdir():
             if part.is_file() and not (folder.parent / part.name).exists():
-                shutil.copy(part, folder.parent / part.name)  # Minari's file about the name before the slash
+                shutil.copy(part, folder.parent / part.name)  # Minari's file about the namespace
         os.rename(Path(work, config.name), folder)
     return folder
 
@@ -169,10 +169,10 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
 def open_dataset(folder: str | Path) -> Any:
     """Return the `minari.MinariDataset` of a folder that `write_dataset` wrote.
 
-    The names of policies and the environment in it are only text; none is imported or run.
+    The data set names the policies and the environment only as text; nothing is imported or run.
 
     Raises:
-        DocumentError: there is not a data set, it is damaged, or it is of another version.
+        DocumentError: the folder has no data set, or one that is damaged or of another version.
         ValueError: Minari is not installed.
     """
     check_installed()

@@ -4,8 +4,8 @@ A policy has beliefs if it has a method ``beliefs(state)``. Each of these attrib
 and is kept only with its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes) [N], ``payload``
 (...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, by name (..., n).
 
-The object may also have ``diverged``, true once the estimate has diverged; ``at_end``, by name whether an estimate is
-at a limit of its range; and ``other_path``, true once the path has left that of the previous pass.
+The object may also have ``diverged``, true once the estimate has diverged; ``at_end``, which maps the name of an
+estimate to whether it is at a limit of its range; and ``other_path``, true once the path has left the previous one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 __all__ = ["DEVIATION", "NO_BELIEFS", "Believing"]
 
 NO_BELIEFS = np.empty((0, 0))  # the rows of a policy without beliefs
-DEVIATION = "_deviation"  # ending of the name of a standard deviation
+DEVIATION = "_deviation"  # suffix of the name of a standard deviation
 _KEPT = ("force", "payload", "offset", "lateness")
 _SINGLE = ("payload", "lateness")  # one number each; the others have one per axis or joint
 _EVENTS = {
@@ -31,7 +31,7 @@ _EVENTS = {
 
 
 class Believing:
-    """Records the policy's estimates after each of its actions."""
+    """A recorder of a policy's estimates after each of its actions."""
 
     def __init__(self, policy: Predictor) -> None:
         """Begin with no samples of this policy."""
@@ -40,7 +40,7 @@ class Believing:
         self._rows: list[np.ndarray] = []
         self._first: dict[str, int] = {}  # the first sample of each of `_EVENTS`
         self._ends: dict[str, int] = {}  # the first sample of each estimate at an end of its range
-        self._at_last: list[str] = []  # the estimates at an end in the last sample before a divergence
+        self._at_last: list[str] = []  # the estimates at an end of their range in the last sample before a divergence
 
     def note(self, control_period: float) -> str:
         """Return notes on events: another path, a divergence, estimates at the limits of their ranges."""
@@ -85,14 +85,14 @@ class Believing:
 
 
 def _columns_of(part: str, count: int) -> list[str]:
-    """Return the names of the `count` numbers of a part: ``payload``, ``force_x``, ``stiffness_1``, ..."""
+    """Return the names of the `count` numbers of an estimate: ``payload``, ``force_x``, ``stiffness_1``, ..."""
     if part in _SINGLE:
         return [part]
     return [f"{part}_{end}" for end in ("xyz"[:count] if part == "force" else range(1, count + 1))]
 
 
 def _parts(beliefs: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return name, estimates and standard deviations of each part that has both."""
+    """Return the name, value and standard deviation of each estimate that has both."""
     deviations = getattr(beliefs, f"factors{DEVIATION}", {})
     found = [(name, getattr(beliefs, name, None), getattr(beliefs, name + DEVIATION, None)) for name in _KEPT]
     found += [(name, value, deviations.get(name)) for name, value in getattr(beliefs, "factors", {}).items()]

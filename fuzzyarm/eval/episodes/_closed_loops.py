@@ -1,4 +1,4 @@
-"""Tip errors of many episodes in one kernel, which holds the law, the torque limits, the delay and the plant.
+"""Tip errors of many episodes in one kernel, which computes the law, the torque limits, the delay and the plant.
 
 The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, in the same order and with the same bits. A group of
 lanes does all its steps before the next group begins, so that its data stay in the cache. The policy must have a
@@ -57,8 +57,8 @@ class _Episode(NamedTuple):
 def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
     """Run the episodes that have just begun in all lanes to their ends and return their tip errors.
 
-    The lanes do not change. `observation` (lanes, 5 n) is the first reading of the law's policy. The result is None if
-    a torque was not finite, which `loop.episodes` refuses with a message.
+    `lanes` is not changed. `observation` (lanes, 5 n) is the first reading of the law's policy. The result is None if a
+    torque was not finite; `loop.episodes` refuses such a torque with an error.
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None
@@ -94,7 +94,7 @@ def _kernel_of(
     depth: int,
     scaled: bool,
 ) -> Kernel:
-    """Return the kernel of a law and arms with these equations; the delay is less than `depth` steps."""
+    """Return the kernel of a law and of arms with the equations of `layout`; the delay is less than `depth` steps."""
     physics = layout.physics
     PerJoint, joints = physics.PerJoint, physics.joints
     Row, command = row_record(joints, physics.axes), within_limits(Law(act, memory, constants), joints, integral_at)
@@ -111,7 +111,7 @@ def _kernel_of(
         on = episode.running > 0.0
         total = sum(torque[1:], torque[0])
         failed = on & (total - total != 0.0)
-        # The torques of the last steps; before the first step, its torque counts as having been sent all the time.
+        # The torques of the last steps; the torque of the first step counts as sent in all steps before it.
         begins = episode.steps == 0.0
         before = [PerJoint(*(select(begins, u, old) for u, old in zip(torque, past, strict=True))) for past in sent]
         sent = (torque, *before[:-1])

@@ -51,8 +51,8 @@ def episodes(
     """Run one episode, or one of each lane, until the last of them has ended.
 
     Args:
-        env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another with that `step`; a lane of a batch that has
-            ended begins another episode, which is ignored, and the policy's memory is reset.
+        env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another environment with the same `step`; a lane of a
+            batch that has ended begins another episode, which is ignored, and the policy's memory is reset.
         policy: the policy that acts.
         start: the observation (10,) or (lanes, 10) and the info of ``env.reset``.
         sense: returns the observation that the policy gets, given observation and info; default: the observation.
@@ -104,7 +104,7 @@ class TipErrors:
         self.completed = np.zeros(lanes, dtype=bool)
 
     def add(self, step: Step) -> None:
-        """Take a step into account."""
+        """Add the errors of a step."""
         error = np.where(step.running, step.info["tip_error"], 0.0)
         np.maximum(self.largest, error, out=self.largest)
         self.squares += error * error

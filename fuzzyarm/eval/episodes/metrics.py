@@ -26,7 +26,7 @@ __all__ = [
 LOST = 100.0
 """The tip error [mm] above which an episode is lost, see `is_lost`: half the radius of the paper's circle."""
 
-RESOLUTION = 1e-3  # [mm], below which texts state no number and rankings no order; the time step's error is a fifth
+RESOLUTION = 1e-3  # [mm]; smaller errors are neither stated nor ranked: the time step's error is a fifth of it
 
 _FRINGE = 0.1  # s, at both ends of an episode
 
@@ -122,7 +122,7 @@ def add_metric(metric: Metric) -> None:
 
 
 def columns() -> dict[str, list[Metric]]:
-    """Return the headings of the table of results, and the metrics of each cell below."""
+    """Return the headings of the table of results, each with the metrics in a cell below it."""
     found: dict[str, list[Metric]] = {}
     for metric in METRICS.values():
         if metric.column:
@@ -141,7 +141,7 @@ def ranked() -> dict[str, Metric]:
 
 
 def metrics_of(rollout: Rollout) -> dict[str, float]:
-    """Return all `METRICS` of an episode by name, with those of a robot's joints beyond the second."""
+    """Return all `METRICS` of an episode by name, and those of a robot's joints beyond the second."""
     joints = instance("rollout", rollout, Rollout).torque.shape[-1]
     metrics = [metric for metric in METRICS.values() if metric.joint <= joints]
     metrics += [metric for joint in range(JOINTS + 1, joints + 1) for metric in _of_joint(joint)]
@@ -158,7 +158,7 @@ def is_lost(row: Mapping[str, Any]) -> bool:
 
 
 def millimetres(length: float, form: Callable[[float], str] = "{:#.3g}".format) -> str:
-    """Return a length [mm] as text, "< 0.001" below `RESOLUTION`; a negative one above minus that is "> -0.001"."""
+    """Return a length [mm] as text; within ± `RESOLUTION` it is "< 0.001", or "> -0.001" if negative."""
     small = f"> -{RESOLUTION}" if length < 0.0 else f"< {RESOLUTION}"
     return small if abs(length) < RESOLUTION else form(length)
 

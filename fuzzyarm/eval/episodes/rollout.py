@@ -1,4 +1,4 @@
-"""Episodes of one policy, recorded sample by sample: one, or several passes along one path."""
+"""Episodes of one policy, recorded sample by sample: a single one, or several passes along one path."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Rollout:
     time: np.ndarray  # (n,) [s]
     tip: np.ndarray  # (n, 2 or 3) [m]
     tip_reference: np.ndarray  # (n, 2 or 3) [m]
-    tip_error: np.ndarray  # (n,) distance of the two [m]
+    tip_error: np.ndarray  # (n,) distance between tip and reference [m]
     circularity_error: np.ndarray  # (n,) of the links [m]
     circularity_error_motor: np.ndarray  # (n,) of the motors [m]
     q_motor: np.ndarray  # (n, joints) [rad]
@@ -152,9 +152,9 @@ def run_episode(
     """Run one episode of a policy and record it.
 
     Args:
-        policy: what `load_policy` takes, or an object with `predict`.
+        policy: an argument of `load_policy`, or an object with `predict`.
         case: name of the case.
-        seed: of the episode.
+        seed: seed of the episode.
         robot: the arm, of the environment and of the policy; None: Table 1.
         control_period: time between two actions [s].
         environment: further arguments of `FuzzyArmEnv`.

@@ -1,4 +1,4 @@
-"""Rollouts as one compressed file of plain arrays, ``rollouts.npz``, and the digest that ties it to its results."""
+"""Rollouts as one compressed file of plain arrays, ``rollouts.npz``, and the digest that links it to its results."""
 
 from __future__ import annotations
 
@@ -82,10 +82,10 @@ def _array(run: Rollout, name: str) -> np.ndarray:
 
 
 def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
-    """Return a rollout from its fields; ValueError if a type or shape differs from that stated by `Rollout`."""
+    """Return a rollout from its fields; ValueError if a type or shape differs from that in `Rollout`."""
     steps, joints = len(np.atleast_1d(arrays["time"])), arrays["torque"].shape[-1] if arrays["torque"].ndim else 0
     axes = arrays["tip"].shape[-1] if arrays["tip"].shape[-1:] in ((2,), (3,)) else 2
-    believed = len(set(arrays["belief_names"].ravel().tolist()))  # columns, whose names differ
+    believed = len(set(arrays["belief_names"].ravel().tolist()))  # number of columns; all have different names
     shapes: dict[str, tuple[int, ...]] = {
         **dict.fromkeys(_SINGLE, ()),
         **dict.fromkeys(_SCALARS, (steps,)),

@@ -37,7 +37,7 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def estimate(values: Sequence[float]) -> Estimate:
-    """Return the interquartile mean of finite values, one a run, and its bootstrap interval of 95 % for two or more.
+    """Return the interquartile mean of finite values, one per run, and its bootstrap interval of 95 % for two or more.
 
     The interval spans the 2.5 % to 97.5 % percentiles of the means of `_RESAMPLES` samples drawn with replacement. It
     estimates where the interquartile mean of all possible runs lies. With five runs it is somewhat narrow: for normal

@@ -71,7 +71,7 @@ class _Panel:
 
     Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has its own limits, and
     values below its lowest decade are drawn at the edge. The scale of an error leaves out policies far worse than the
-    best, see `_FOCUS`, which would flatten the other curves; they are named in the panel.
+    best, see `_FOCUS`, because they would flatten the other curves; the panel names them.
     """
 
     quantity: str
@@ -85,7 +85,7 @@ class _Panel:
 
 _CIRCULARITY = _Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
 _MOTOR_CIRCULARITY = _Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor)
-# Not an error panel: a policy that brings the tip to the circle leads the motors beside it.
+# Not an error panel: a policy that keeps the tip on the circle must move the motors off it.
 
 
 @functools.cache
@@ -111,16 +111,16 @@ def _of_joint(k: int) -> tuple[_Panel, _Panel, _Panel, _Panel]:
 _OVERVIEW = (_Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
 
 
-# In the plane, deviations are drawn magnified by the first of these factors with which those of the best policy stay
-# within `_ROOM`, a share of the curve's size; deviations beyond it are cut off and named, but none at the factor 1.
+# Figures of paths magnify the deviations by the first of these factors at which those of the best policy stay within
+# `_ROOM`, a share of the curve's size; larger ones are cut off and their policies named, except at the factor 1.
 _MAGNIFICATIONS, _ROOM = (20, 10, 5, 2, 1), 0.5
 # An error panel is scaled to the policies whose peak is at most `_FOCUS` times that of the best policy. A best peak
 # below 2 mm counts as 2 mm: otherwise a nearly perfect policy would push all others off the scale.
 _FOCUS, _SMALL = 5.0, 2.0
-# A logarithmic axis begins with the decade that all policies which reach the end exceed, except for a share 0.05 of
-# the time, when the error passes through zero. It begins at `_LOWEST` at least, which in mm is ten nanometres.
+# A logarithmic axis begins with the decade that all policies which reach the end exceed, except for a share `_DIPS` of
+# the time, when the error passes through zero. It begins no lower than `_LOWEST`, which in mm is ten nanometres.
 _LOWEST, _DIPS = 1e-5, 0.05
-_TALLER = 1.6  # height of a row with a logarithmic axis, where decades need room, beside that of the others
+_TALLER = 1.6  # height of a row with a logarithmic axis, relative to the others: decades need room
 # Strokes and gaps, in line widths; the first is solid. There are nine beside the style's eight colours: up to eight
 # policies differ in both, and up to 72 differ in one of them.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
@@ -147,7 +147,7 @@ def write_figures(
         rollouts: episodes of any cases and policies.
         folder: an existing folder; files with the same names are replaced.
         progress: called after each figure.
-        titles: by name of the case; None: those of the two-joint arm.
+        titles: titles of the cases by name; None: those of the two-joint arm.
 
     Raises:
         ValueError: there are no rollouts.
@@ -271,7 +271,7 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
     factor = next((factor for factor in _MAGNIFICATIONS if factor * best <= room), 1)
     drawn = [view.of(e.tip_reference + factor * (e.tip - e.tip_reference)) for e in episodes]
     points = np.concatenate([reference, *drawn])
-    if factor == 1:  # true paths, which are shown whole however far from the curve they lead
+    if factor == 1:  # true paths are shown whole, however far from the curve they lead
         room = float(np.ptp(points, axis=0).max()) or 1.0
     low = np.maximum(points.min(axis=0), reference.min(axis=0) - room) - 0.1 * room
     high = np.minimum(points.max(axis=0), reference.max(axis=0) + room) + 0.1 * room

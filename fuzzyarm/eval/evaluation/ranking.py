@@ -1,10 +1,10 @@
 """A ranking of the policies of several evaluations in one table, best first.
 
 The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know the next load
-must allow for it. A mean over the cases would let micrometres without load make up for millimetres under load. Over
-several seeds it is their interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is better. A
-policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such policies rank last, ordered by the
-number of episodes in which they lost it.
+must allow for it. A mean over the cases would let micrometres without load compensate for millimetres under load.
+Over several seeds the score is the interquartile mean of the seeds' errors, with a bootstrap interval of 95 %
+(`statistics`). Smaller is better. A policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such
+policies rank last, ordered by the number of episodes in which they lost it.
 
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
 `eval.sweep.ranking` ranks over plants.
@@ -48,9 +48,9 @@ class Standing:
     lost: int  # number of episodes in which the path was lost
     episodes: int  # number of episodes
     certified: bool  # whether it has a certificate
-    tip: str  # what is proven of its tip, in words; empty where no bound was given
+    tip: str  # what is proven about its tip, in words; empty if no bound was given
     declared: Declared | None  # what it declares; None if it declares nothing
-    others: dict[str, dict[str, float | None]]  # the metrics of `metrics.ranked` by their words, as rms
+    others: dict[str, dict[str, float | None]]  # the metrics of `metrics.ranked` by their words, as for rms
 
     @property
     def order(self) -> tuple[int, float]:

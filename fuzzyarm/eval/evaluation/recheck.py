@@ -36,8 +36,8 @@ class _Difference(NamedTuple):
 class _Comparison:
     """The outcome of a recheck."""
 
-    numbers: int  # how many were compared
-    rows: int  # of how many episodes
+    numbers: int  # how many numbers were compared
+    rows: int  # in how many episodes
     differences: list[_Difference]
     notes: list[str]  # in words: commit, processor and versions that differ now; they do not count as differences
 
@@ -50,7 +50,7 @@ def recheck_results(
     A results file alone runs no code: `code` lists the permitted policies ``package.module:factory`` and the new paths
     of moved policy files.
 
-    ValueError names code that only one of the two lists, and a policy that is unknown or differs from the measured one.
+    ValueError names code that only `code` or only the file lists, and a policy that is unknown or has changed since.
     """
     if others := unrelated(f"{results.path} contains results of code", results.config.policies, code):
         raise ValueError(
@@ -75,7 +75,7 @@ def recheck_results(
 
 
 def _check_files(results: Results, names: Sequence[str]) -> None:
-    """Check that the files of every policy are those evaluated."""
+    """Check that the files of every policy are still those that were evaluated."""
     for label, spec in resolve_all(names, run_code=True).items():
         then, now = results.made_with["policy_files"][label], spec.files()
         changed = {file for file in then.keys() | now.keys() if then.get(file) != now.get(file)}

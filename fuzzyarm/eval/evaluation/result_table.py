@@ -36,7 +36,7 @@ def by_case_and_policy(rows: Sequence[_Row]) -> dict[str, dict[str, list[_Row]]]
 
 
 def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
-    """Return (case, policy, cells) for each policy in each case; over several seeds medians with ranges."""
+    """Return (case, policy, cells) for each policy in each case; with several seeds, cells are medians with ranges."""
     result = []
     for case, group in by_case_and_policy(rows).items():
         for policy, runs in group.items():
@@ -111,7 +111,7 @@ def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
 
 
 def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[str, dict[str, Any] | None]) -> list[str]:
-    """Return a line per certified policy, with the command that shows its certificate, and a line with the others."""
+    """Return a line per certified policy, with the command to show its certificate, then one with the others."""
     lines = []
     for policy, numbers in bounds.items():
         if numbers is not None:
@@ -140,7 +140,7 @@ def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
 def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
-    """Return headings and the cells of each policy; declarations and certificates in words are given by label."""
+    """Return the headings, then the cells of each policy; both arguments are keyed by policy label."""
     return [(*ROW, "proven for the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()

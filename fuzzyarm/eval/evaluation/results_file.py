@@ -28,7 +28,7 @@ from fuzzyarm.policies import resolve
 __all__ = ["Results", "conditions_of", "read_evaluation", "read_results", "same"]
 
 
-_ALWAYS_SAID = ("cases", "number of seeds", "encoder noise", "control period")  # cases head the table's columns
+_ALWAYS_SAID = ("cases", "number of seeds", "encoder noise", "control period")  # cases are in the table's headings
 _SHOWN = 12  # digits of a digest
 
 
@@ -200,7 +200,7 @@ def _joined(results: Results, rollouts: list[Rollout]) -> Results:
 
 
 def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
-    """Raise ValueError unless a row of results matches a rollout, by recomputing its metrics."""
+    """Raise ValueError unless the metrics computed from a rollout match its row of results."""
     for key, value in ({"note": ""} | row_of(run)).items():
         stored = row.get(key, "")
         if not same(value, stored, relative=1e-9):

@@ -56,9 +56,9 @@ class EvaluationConfig:
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
     robot: Robot | None = None
     path: str = "circle"  # name of the path of the tip, see `default_reference`
-    points: GivenPath | None = None  # a path by points in its place
+    points: GivenPath | None = None  # a path given by points, instead of `path`
     force: tuple[float, float] | None = None  # smallest and largest machining force [N]; None: scaled, see `cases`
-    payload: float | None = None  # carried mass [kg]; None: likewise
+    payload: float | None = None  # carried mass [kg]; None: scaled, see `cases`
     passes: int = 1  # episodes one after the other, of which the last counts; policies may learn in between
 
     def __post_init__(self) -> None:
@@ -166,7 +166,7 @@ class Evaluation:
     bounds: dict[str, dict[str, Any] | None]  # in numbers, `PolicyCertificate.bounds`
     made_with: dict[str, Any]
     declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: not declared
-    remarks: tuple[str, ...] = ()  # a line about each policy at a torque limit for long, or unstable
+    remarks: tuple[str, ...] = ()  # a line about each policy that is at a torque limit for long, or unstable
 
     @property
     def complete(self) -> bool:
@@ -199,7 +199,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] = lambda: No
     """Run every policy in every case; `progress` is called after each episode.
 
     Raises:
-        ValueError: a policy is unknown, fails or does not fit the robot, or the reference does not fit it.
+        ValueError: a policy is unknown or fails, or the policy or the reference does not fit the robot.
         OSError: a controller file cannot be read.
     """
     specs = resolve_all(instance("config", config, EvaluationConfig).policies, run_code=True)

@@ -23,23 +23,24 @@ __all__ = ["CLAIMS", "Claim"]
 class Claim:
     """A number of the paper, or several numbers of one kind.
 
-    Ours may drift from a stored value by relative * |stored| + absolute. Numbers without simulation are equal on all
-    machines up to rounding: 1e-9. Simulated ones are reproducible on one machine: if the gains change by a relative
-    1e-6, the most sensitive, that of the episode that leaves the box, changes by a relative 1e-4 and most others by
-    less than 1e-5; so 1e-3, and for lengths a micrometre besides. The bisection of γ stops at 1 %: 0.02.
+    Our value may drift from the stored one by relative * |stored| + absolute. Numbers without simulation are equal on
+    all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: if
+    the gains change by a relative 1e-6, the most sensitive number, that of the episode that leaves the box, changes by
+    a relative 1e-4 and most others by less than 1e-5. Their relative tolerance is 1e-3, and lengths also have an
+    absolute tolerance of a micrometre. The bisection of γ stops at 1 %, so its relative tolerance is 0.02.
     """
 
     key: str  # name of the claim in the files
     where: str  # section, figure or table of the paper
     says: str  # what the paper says there
     quantity: str  # what is measured
-    unit: str  # of the paper's and of our numbers; "-" for none
+    unit: str  # of the paper's and of our numbers; "-" for a pure number
     paper: float | Mapping[str, float] | None  # one number for all our values, or one for each label; None: no number
     measure: str  # the method of `Evidence` that returns our values by label, and its arguments
-    # The relation in which ours agrees: "equal" in all printed digits, "order": within a factor of ten.
+    # How our value must compare to agree. "equal": in all printed digits; "order": within a factor of ten.
     comparison: Literal["equal", "order", "at most", "more than"] = "equal"
     decimals: int = 0  # digits that the paper prints after the decimal point
-    reason: str = ""  # why ours differs, or another remark
+    reason: str = ""  # why our value differs, or another remark
     tolerance: tuple[float, float] = (0.0, 0.0)  # relative [1] and absolute [unit] part of the allowed drift
     group: str = ""  # of the file
 
@@ -54,7 +55,7 @@ class Claim:
         return relative * abs(stored) + absolute
 
     def papers_number(self, label: str) -> float | None:
-        """Return the paper's number for our value `label`; None if it gives none."""
+        """Return the paper's number for our value `label`; None if the paper gives none."""
         return self.paper.get(label) if isinstance(self.paper, Mapping) else self.paper
 
     def agrees(self, label: str, value: float) -> bool | None:

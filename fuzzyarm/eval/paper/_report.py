@@ -1,7 +1,7 @@
 """The paper's numbers compared with ours, and the drift from the stored numbers: tables, Markdown and JSON.
 
-``fuzzyarm paper --renew FILE`` writes such numbers; after an intended change a maintainer names this folder's
-``expected.json`` in a checkout.
+``fuzzyarm paper --renew FILE`` writes such numbers. After an intended change, a maintainer writes the
+``expected.json`` of this folder in a checkout.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class _Comparison:
 
     @functools.cached_property
     def values(self) -> Sequence[_Value]:
-        """Every number, in the order of the claims; last those of claims that no longer exist."""
+        """Every number, in the order of the claims; numbers of claims that no longer exist come last."""
         keys = {claim.key for claim in CLAIMS}
         gone = [Claim(key, "", "", "", "-", None, "") for key in self.stored if key not in keys]
         found = []
@@ -125,7 +125,7 @@ class _Comparison:
 
 
 def compare(evidence: Evidence, stored: _Numbers | None) -> _Comparison:
-    """Measure every claim and compare it with the stored numbers; None compares with itself, for storing."""
+    """Measure every claim; compare it with the stored numbers, or with itself, for storing, if these are None."""
     measured = {claim.key: claim.measured(evidence) for claim in CLAIMS}
     return _Comparison(measured, measured if stored is None else stored, current_provenance())
 
@@ -175,7 +175,7 @@ def _tables(comparison: _Comparison) -> list[Sheet]:
 
 
 def _row(claim: Claim, values: Mapping[str, float], together: bool) -> list[str]:
-    """Return the cells of a claim, with our values in one cell or in a cell each."""
+    """Return the cells of a claim, with our values `together` in one cell, or in one cell each."""
     ours = {label: _number(value) + "*" * bool(claim.agrees(label, value)) for label, value in values.items()}
     papers = dict.fromkeys(map(claim.papers_number, values))
     cells = [

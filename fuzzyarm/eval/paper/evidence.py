@@ -1,8 +1,8 @@
-"""The rollouts and proofs behind the numbers and the figures, and every measure of them.
+"""The rollouts and proofs behind the numbers and the figures, and every measure computed from them.
 
 The controllers are those of section 6.2 and two that explain why our numbers differ from the paper's.
-"Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
-and the bound (24), with the smallest L that the inequalities allow, 0. "Consistent form" is the form of this project,
+"Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of
+A, the bound (24), and L = 0, the smallest L that the inequalities allow. "Consistent form" is the form of this project,
 see `proof._theorems`.
 """
 
@@ -71,7 +71,7 @@ def _compared_policies() -> dict[str, FuzzyPolicy]:
     swapped = dataclasses.replace(printed, feedforward=consistent.feedforward_gains)
     policies |= {_SWAPPED: FuzzyPolicy(swapped), _PAPERS_OWN: FuzzyPolicy(with_printed_gains(printed))}
     for policy in policies.values():
-        policy.integral_at = None  # the paper's law does not hold the integral at the torque limits
+        policy.integral_at = None  # the paper's law does not freeze the integral at the torque limits
     return policies
 
 
@@ -91,8 +91,8 @@ class Evidence:
     """The data behind the claims, and their measures: methods that return values by label.
 
     A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
-    controller. `smallest_gamma` is the smallest γ, to 1 %, at which the printed form with 4 rules is proven with
-    another L, by the source of L; P, Q, X, τ and M are those of its file. With its own L it is proven at γ = 1000.
+    controller. `smallest_gamma` has, for each source of another L, the smallest γ, to 1 %, at which the printed form
+    with 4 rules is proven with that L and the P, Q, X, τ and M of its file. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion
@@ -111,7 +111,7 @@ class Evidence:
         """The controllers of the printed form by their key."""
         return {key: self.controllers[key] for key in (f"printed-{rules}" for rules in RULES)}
 
-    # Of the reference and of the cases.
+    # Measures of the reference and of the cases.
 
     def tip_speed(self) -> dict[str, float]:
         """Return the reference's largest |ṗ| [m/s]."""
@@ -141,7 +141,7 @@ class Evidence:
         share = 100.0 * mass / self.reference.parameters.mass[1]
         return {"payload": mass} if label == "payload" else {"of m_2": share}
 
-    # Of the inequalities and of their solutions.
+    # Measures of the inequalities and of their solutions.
 
     def fewest_rules(self) -> dict[str, float]:
         """Return the fewest rules with a proven solution of Theorem 2 (0: none), and how many files are proven."""
@@ -167,7 +167,7 @@ class Evidence:
         return {key: _peak(one.gains[..., getattr(states, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:
-        """Return the largest entry of L of the printed forms, also with the L of the consistent form."""
+        """Return the largest entry of L of the printed forms, and of the one with the L of the consistent form."""
         return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, _SWAPPED)}
 
     def gamma_with(self) -> Mapping[str, float]:
@@ -175,7 +175,7 @@ class Evidence:
         return self.smallest_gamma
 
     def decay_rate(self) -> dict[str, float]:
-        """Return α [1/s]; it is proven, since `load_policy` refuses controllers that are not."""
+        """Return α [1/s]; it is proven, since `load_policy` refuses unproven controllers."""
         return {key: self.controllers[key].alpha for key in _SOURCES}
 
     def weight(self) -> dict[str, float]:
@@ -187,7 +187,7 @@ class Evidence:
     def size(self, entry: str, of: str) -> dict[str, float]:
         """Return N_var or N_row, a field of `Size`, for 32, 16, 8 and 4 rules.
 
-        It is `of` the formula of Remark 4, or of the printed theorem without integral action: 1 for 32 rules, else 2.
+        `of` selects the formula of Remark 4 or the printed theorem without integral action (1 for 32 rules, else 2).
         """
         sizes = {}
         for rules in (32, 16, 8, 4):
@@ -199,7 +199,7 @@ class Evidence:
             sizes[f"{rules} rules"] = getattr(size, entry)
         return sizes
 
-    # Of the rollouts.
+    # Measures of the rollouts.
 
     def circularity(self, case: str, side: str, end: str) -> dict[str, float]:
         """Return the ``inmost``, ``outmost`` or ``largest`` circularity error [mm] of each controller in a case."""
@@ -212,7 +212,7 @@ class Evidence:
         return {key: second[key] / third[key] for key in TITLES}
 
     def rule_difference(self) -> dict[str, float]:
-        """Return the largest difference of the tip's circularity errors with 32 and 4 rules [mm], over both."""
+        """Return the largest difference of the tip's circularity errors with 32 and 4 rules [mm], by form and case."""
         result = {}
         for form in FORMS:
             for number, case in enumerate(PAPER_CASES, start=1):
@@ -226,7 +226,7 @@ class Evidence:
         return {key: _peak(self.rollouts[key, "nominal"].torque[:, int(joint) - 1]) for key in TITLES}
 
     def shortest_episode(self) -> dict[str, float]:
-        """Return the duration [s] of the shortest episode of the three cases; below the reference's if it left (25)."""
+        """Return the shortest duration [s] of the episodes of the three cases; the reference's unless one left (25)."""
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:
@@ -246,7 +246,7 @@ def _peak(values: np.ndarray) -> float:
 
 
 def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
-    """Run every controller in the paper's cases and prove the witnesses; `progress` is called after each."""
+    """Run every controller in the paper's cases and prove the witnesses; call `progress` after each run and proof."""
     policies, reference, rollouts = _compared_policies(), JointReference(), {}
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)

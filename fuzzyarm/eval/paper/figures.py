@@ -33,7 +33,7 @@ _COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent"
 _ZOOM = 0.012  # [m], side of the magnified square of Fig. 2
 
 
-# Figs. 4-6: the range [mm] of the circularity error in each case by the paper's text; None: it states none.
+# Figs. 4-6: the range [mm] of the circularity error in each case as the paper's text states it; None: not stated.
 _CIRCULARITY: Mapping[str, Any] = {"nominal": (-1.3, 1.3), "machining": (-2.3, 4.4), "payload": None}
 # Figs. 7-10, a quantity of both joints in Case 1: number, title, label with unit, and signal (n, joints) of a rollout.
 _JOINTS: Sequence[tuple[int, str, str, Callable[[Rollout], np.ndarray]]] = (

@@ -25,17 +25,17 @@ _WARNING = (
     "knows. The simulated arm is that arm, so the true factors are 1. Parameters that the motion does not excite stay "
     "near their initial guess."
 )
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: size of the chart, margins for its labels
 _POINTS = 300  # of a curve
-_BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
-# Unit of a part, and the factor to it; other parts are pure numbers.
+_BAND = 90.0  # percentile of the upper edge of the band up to which the chart reaches; higher parts are cut off
+# Unit of an estimate, and the factor that converts to it; other estimates are pure numbers.
 _UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}
 
 
 def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
     """Return the section of the page on beliefs: a figure for each case and policy that has any, else an empty string.
 
-    A figure shows the first episode; notes on all episodes of this policy in this case follow. `cases` hold the true
+    A figure shows the first episode; notes on all episodes of this policy in this case follow. `cases` give the true
     loads.
     """
     groups: dict[tuple[str, str], list[Rollout]] = {}

@@ -18,7 +18,7 @@ from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 __all__ = ["replay_data"]
 
 _LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
-_POSES = 200  # of a motion, for which the floor is made
+_POSES = 200  # approximate number of poses that determine camera and floor
 _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
@@ -60,7 +60,7 @@ def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
 
 
 def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
-    """Return the embedded signals of the first of the runs, which differ in their seed, and the range of all."""
+    """Return the embedded signals of the first of these runs with different seeds, and the range of all tip errors."""
     run = runs[0]
     signals = {  # deviation and bending, because differences of positions in float32 would not resolve micrometres
         "deviation": run.tip - run.tip_reference,
@@ -88,7 +88,7 @@ def _case(config: EvaluationConfig, name: str, groups: Sequence[Sequence[Rollout
     shown = np.unique([*range(0, last + 1, stride), last])
 
     def of_seeds(runs: Sequence[Rollout]) -> dict[str, Any]:
-        # The run's own last sample stands in the place of the next one of the longest run.
+        # The run's last sample takes the place of the next shown sample of the longest run.
         run, last = runs[0], len(runs[0].time) - 1
         within = np.minimum(shown[: np.searchsorted(shown, last) + 1], last)
         signals = {key: signal[within] for key, signal in _signals(runs).items()}

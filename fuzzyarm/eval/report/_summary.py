@@ -22,11 +22,11 @@ __all__ = ["declared_table", "error_charts", "figure", "metrics_table"]
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _ROW, _BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
 _LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
-_PALETTE = 16  # number of policy colours in page.css; further policies start again with the first
+_PALETTE = 16  # number of policy colours in page.css; further policies reuse them from the first on
 
 
 def _digits(value: float) -> str:
-    """Return a number with three significant digits; from 1000 on, with all digits before the decimal point."""
+    """Return a number with three significant digits; values of 1000 and above as whole numbers."""
     return f"{value:.0f}" if value >= 1000.0 else f"{value:#.3g}".rstrip(".")
 
 
@@ -68,7 +68,7 @@ def _error_chart(
 ) -> str:
     """Return the SVG of a case: for each policy a disc at the rms, a stroke at the maximum, and the maximum in digits.
 
-    `errors` are rms and maximum [mm] by policy, `marks` are "★", "×" or none, and the axis spans `decades`, two powers
+    `errors` are rms and maximum [mm] by policy, `marks` are "★", "×" or empty, and the axis spans `decades`, two powers
     of ten.
     """
     low, high = decades
@@ -105,7 +105,7 @@ def _error_chart(
 
 
 def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
-    """Return the table of all metrics: a body for each case."""
+    """Return the table of all metrics, with one table body for each case."""
     cells = iter(table_rows(rows))  # in the order of the groups
     parts = [_head(["policy", *(heading.replace("N m", "N\u00a0m") for heading in columns())])]
     for case, group in by_case_and_policy(rows).items():
@@ -115,7 +115,7 @@ def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
             ended = sum(not run["completed"] for run in runs)
             badge = f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""
             name = f'<span class="swatch"></span>{escape(policy)}{badge}'
-            texts = (re.sub(r"\.(?!\d)", "", cell) for cell in next(cells)[2])  # without a point that no digit follows
+            texts = (re.sub(r"\.(?!\d)", "", cell) for cell in next(cells)[2])  # without a trailing point
             row = "".join(f"<td>{escape(text)}</td>" for text in texts)
             parts.append(f'<tr class="p{index % _PALETTE}"><th scope="row">{name}</th>{row}</tr>')
         parts.append("</tbody>")
@@ -128,7 +128,7 @@ def _head(headings: Sequence[str]) -> str:
 
 
 def declared_table(declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]) -> str:
-    """Return the table of what the policies declare, from declarations and certificates in words by label."""
+    """Return the table of the policies' declarations; both arguments are keyed by policy label."""
     headings, *policies = declared_rows(declared, certificates)
     rows = []
     for label, *cells in policies:

@@ -45,9 +45,9 @@ def _claim(numbers: Mapping[str, Any] | None) -> str:
     return f"error decays at least as fast as exp(−{at_least(numbers['alpha'], 6)} t){only}"
 
 
-_SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
-_PERCENT = 150.0  # beside a bar, for its number [px]
-_WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
+_SIZE, _EDGE = 440.0, 26.0  # of the drawing, and of its margin [px]
+_PERCENT = 150.0  # room for the number beside a bar [px]
+_WIDEST = 0.12  # largest half width of a drawn tube, as a share of the path's extent
 _TUBE_NOTE = (
     "Band: the proven bound on the tip error at every instant, for every plant of the set, to either side of the path. "
     "Line in the band: the tip in the replayed episode. Both are magnified around the path. Bar: the largest tip error "
@@ -65,7 +65,7 @@ def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
 
 
 def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> str:
-    """Return the section of proven tubes, empty without bounds; ValueError if a bound has no episode."""
+    """Return the section of proven tubes, empty without bounds; ValueError if no episode fits a bound."""
     if not checks:
         return ""
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)

@@ -33,7 +33,7 @@ __all__ = ["write_report"]
 
 
 _SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
-_TICKED = 4  # number of policies, the best ones, that the page shows first
+_TICKED = 4  # number of policies, the best ones, that the page shows at first
 
 
 def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Path] = ()) -> None:
@@ -69,13 +69,13 @@ def _render_page(stored: Evaluation, tubes: str = "") -> str:
         **{name: escape(note) for name, note in _notes(stored, data["stride"]).items()},
         tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
-        data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
+        data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # so that no text ends the script element
         script=script,
     )
 
 
 def _headline(ranked: Sequence[Standing], config: EvaluationConfig) -> str:
-    """Return the policy with the smallest worst-case error, the ones that lost the path, and the rule; best first."""
+    """Return a sentence on the best policies and those that lost the path, and the rule; `ranked` is best first."""
     best = [one.policy for one in ranked if one.score and one.order == ranked[0].order]
     lost = [one.policy for one in ranked if one.score is None]
     if not best:

@@ -9,8 +9,8 @@ from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_pat
 
 __all__ = ["remark_on"]
 
-_LONG = 0.01  # share of the steps with a motor at its limit, above which a remark says so
-_GROWTH = 1e-6  # above 1, of a spectral radius: an eigenvalue of 1 is a memory that keeps its value
+_LONG = 0.01  # share of the steps with a motor at its limit, above which there is a remark
+_GROWTH = 1e-6  # tolerance of a spectral radius above 1: a memory that keeps its value has eigenvalue 1
 
 
 def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) -> str | None:
@@ -19,11 +19,11 @@ def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) 
     The loop is linearised as in `_linearisation`: at rest, in postures of the arm's default path.
 
     Args:
-        name: of the policy.
-        policy: which is linearised.
+        name: name of the policy.
+        policy: the policy to linearise.
         arm: plant and model of the policy.
         period: control period [s].
-        share: of the steps with a motor at its torque limit [1].
+        share: share of the steps with a motor at its torque limit [1].
     """
     limited = f"a motor is at its torque limit in {100.0 * share:.0f} % of the steps; " if share > _LONG else ""
     try:

@@ -1,14 +1,14 @@
 """Stability margins: how far a policy is from instability on the sampled elastic arm, by linearising the closed loop.
 
-At a posture of the path the reference is held and dry friction removed; viscous friction stays. The equilibrium there
-is found by Newton's method, and the equation of the loop around it is below.
+At a posture of the path the reference is held fixed and dry friction is removed; viscous friction remains. The
+equilibrium is found by Newton's method; the equation of the loop around it is given below.
 
 The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an
 observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it, because the arm has no dry
 friction here either.
 
 The result is local, at frozen postures and without dry friction. It compares policies and proves nothing about the
-moving arm. Proofs are in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
+moving arm. Proofs are in the certificates (`fuzzyarm.proof`); the margins stated there are those of the proof.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -54,8 +54,8 @@ __all__ = [
 
 
 GAIN_SPAN = 100.0
-"""A gain margin is searched from κ = 1 up to this factor and down to its inverse."""
-_GAIN_RATIO = 1.1  # of that search
+"""The search for a gain margin goes from κ = 1 up to this factor and down to its inverse."""
+_GAIN_RATIO = 1.1  # ratio of its steps
 _GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
 
 
@@ -120,19 +120,19 @@ def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> GainLimits:
 
 
 POSTURES = 16
-"""Number of instants, evenly spaced over the arm's default reference; with 300 of the paper's a gain margin changes by
-0.2 %."""
+"""Number of instants, evenly spaced over the arm's default reference; 300 instants of the paper's reference
+change a gain margin by 0.2 %."""
 _PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
-# Of the law, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per rad s, and a
-# network may bend within 1e-6 rad. What is measured and what is remembered of it have one step, so that their
-# differences stay exact.
+# Step of the law's differences, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per
+# rad s, and a network may bend within 1e-6 rad. A measured angle and its remembered value have the same step, so that
+# their differences stay exact.
 _LAW_STEP = 1e-8
 _TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
 _NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
 _SETTLING = 300  # control periods
 _RESTING = 2000  # control periods, after which a strongly nonlinear law is near its equilibrium
-_NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of another posture
+_NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture belongs to another posture
 
 
 class Linearisable(Predictor, Protocol):
@@ -169,7 +169,7 @@ def linearise_at(
     control_period: float,
     payload: Payload | None = None,
 ) -> tuple[LocalLoop, np.ndarray]:
-    """Return the loop at one posture (r,) [rad], and the law's derivative (r + m, r) by the reference angles.
+    """Return the loop at one posture (r,) [rad], and the law's derivative (r + m, r) w.r.t. the reference angles.
 
     The other arguments and the errors are those of `linearise_path`.
     """
@@ -219,7 +219,7 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step, shortened until the residual falls, as networks may require."""
+    """Return the point after a Newton step, shortened until the residual falls; networks may require this."""
 
     def unrest(at: np.ndarray) -> float:
         return float(np.linalg.norm((arm.advance(at) - at)[kept]))
@@ -300,7 +300,7 @@ class _FrozenArm:
         return np.append(moved, law[self.next_memory])
 
     def act_after(self, point: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Return torques and next memory at a point, with the reference angles moved by (lanes, r) [rad]."""
+        """Return torques and next memory at a point, with the reference angles changed by `moved` (lanes, r) [rad]."""
         steps = np.pad(moved, ((0, 0), (0, len(self.reference) - self.joints)))
         return self._act(np.tile(point, (len(moved), 1)), steps)
 

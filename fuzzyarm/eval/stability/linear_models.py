@@ -7,8 +7,8 @@ over one control period (see `_linearisation`),
     open loop   (x, s)⁺ = [A 0; G F] (x, s) + [B; 0] u,       y = -(D x + C s), broken at all motors;
     closed loop (x, s)⁺ = [A + B D, B C; G F] (x, s) + [B E_u, B; E_s, 0] (r, d),   y = (q_a, q_b),
 
-with a torque d added to the law's, and the derivatives E_u and E_s of the law and its memory by r. Closing the open
-loop with u = -y gives the closed one.
+with a torque d added to the law's, and the derivatives E_u and E_s of the law and its memory with respect to r. Closing
+the open loop with u = -y gives the closed one.
 """
 
 from __future__ import annotations

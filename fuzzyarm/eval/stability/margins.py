@@ -41,12 +41,12 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """How the loop differs from the policy's design model; the policy is not told the difference."""
+    """A difference between the loop and the policy's design model; the policy does not know it."""
 
     name: str  # heading in the table and key in the document
     loop_gain: float = 1.0  # factor on the torque's deviation from equilibrium
     delay: float = 0.0  # extra samples, a multiple of 0.5
-    stiffness: float = 1.0  # factor, of all joints
+    stiffness: float = 1.0  # factor for all joints
     payload: Payload | None = None
 
 
@@ -59,7 +59,7 @@ _LIMITS = {
 
 
 def _conditions_for(arm: AnyArm) -> tuple[_Condition, ...]:
-    """Return the conditions of the columns for an arm, which carries the payload of its case ``payload``."""
+    """Return the conditions of the table's columns for an arm; the payload is that of its case ``payload``."""
     payload = case_for("payload", arm).disturbance.payload
     return (
         _Condition("nominal"),
@@ -82,8 +82,8 @@ class MarginsConfig:
     """The policies whose margins are measured, and the arm.
 
     Attributes:
-        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of `fuzzyarm
-            tune`, otherwise all named ones, for a robot `ANY_ROBOT`.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those in the folder if `robot` is
+            one of `fuzzyarm tune`, otherwise `ANY_ROBOT` for a robot and all named ones for a two-joint arm.
         robot: for both plant and policies, as for `chosen_arm`; None: Table 1.
         control_period: time between two actions [s].
     """
@@ -110,7 +110,7 @@ class MarginsConfig:
         return named or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
     def command(self) -> str | None:
-        """Return the command line of this configuration, with the last part of absolute paths; None for an object."""
+        """Return the command line of this configuration, with its paths as `recorded`; None if `robot` is an object."""
         if not isinstance(self.robot, str | os.PathLike | None):
             return None
         words = ["fuzzyarm", "margins"]
@@ -125,19 +125,19 @@ class MarginsConfig:
 def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
-    It holds the provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns, with
-    ``ends`` if the robot's file has ranges: the spectral radius on each arm at their ends, see `ends_of`. `progress` is
-    called after each policy.
+    The document contains the provenance, ``conditions``, and ``rows``: for each policy the result of `policy_margins`
+    and, if the robot's file has ranges, ``ends``, the spectral radius on each arm at the ends of the ranges, see
+    `ends_of`. `progress` is called after each policy.
 
     Raises:
-        ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
+        ValueError: a policy is unknown, or a policy or the path does not fit the robot.
     """
     arm = instance("config", config, MarginsConfig).arm
-    default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
+    default_reference(arm)  # if the arm cannot follow it, that is a usage error and not a row of the table
     policies = {}
     for label, spec in resolve_all(config.names(), run_code=True).items():
         policy = spec.load(config.control_period, arm)
-        period = policy.action_period  # over that time the loop is one map
+        period = policy.action_period  # over one such period the loop is a single map
         policies[label] = policy if period == config.control_period else spec.load(period, arm)
     rows, corners = [], corners_of(config.robot)
     for name, policy in policies.items():
@@ -156,9 +156,10 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 
 
 def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
-    """Return the spectral radius [1] of a policy on each arm at the ends of ranges, by words; None without a loop.
+    """Return the spectral radius [1] of a policy on each arm in `corners`, by its words there; None without a loop.
 
-    The policy knows the arm's own values throughout. `corners` are those of `corners_of`; the control period is in s.
+    The policy knows the arm's own values throughout. `corners` are the arms at the ends of ranges, see `corners_of`.
+    The control period is in s.
     """
     found: dict[str, float | None] = {}
     for words, arm in corners.items():
@@ -170,7 +171,7 @@ def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period:
 
 
 def ends_in_words(ends: Mapping[str, float | None]) -> str:
-    """Return which of the arms at the ends of ranges decides, with its spectral radius and that of the others."""
+    """Return in words the spectral radius of each arm at the ends of ranges, the largest first."""
     ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
     first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
     rest = f"; {', '.join(others)}" if others else ""

@@ -1,4 +1,4 @@
-"""Designs with margins on the sampled elastic arm, and the numbers of an arm that leave a design without them."""
+"""Designs with margins on the sampled elastic arm, and the parameters of an arm that deprive a design of them."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from fuzzyarm.synthesis.specification import gamma_for
 __all__ = ["first_with_margins", "why_unstable"]
 
 _CONDITIONS = ((2.0, 0.0), (1.0, 1.0))  # factor on the loop gain and samples of delay
-_FACTORS = (2.0, 4.0, 8.0, 16.0)  # on a number of the arm
+_FACTORS = (2.0, 4.0, 8.0, 16.0)  # on a parameter of the arm
 
 
 def first_with_margins(
     candidates: Sequence[Specification], arm: ArmParameters, control_period: float, ends: Sequence[AnyArm] = ()
 ) -> Design:
-    """Return the first design whose loop on the sampled elastic arm bears twice its gain and one sample of delay.
+    """Return the first design whose loop on the sampled elastic arm tolerates twice its gain and one sample of delay.
 
-    If none does it is the last design that exists; a single candidate is not measured. The control period is in s. The
-    same is asked of the loop on each arm at the ends of ranges.
+    The loop on each arm in `ends`, at the ends of ranges, must tolerate the same. If no design qualifies, the last one
+    that exists is returned; a single candidate is not measured. `control_period` is in [s].
 
     Raises:
         DesignFailed: there is no design for any candidate; the message is about the first.
@@ -46,10 +46,10 @@ def first_with_margins(
 
 
 def why_unstable(controller: Controller | ScheduledController, arm: AnyArm, control_period: float) -> str:
-    """Return which numbers leave a controller without the margins of `first_with_margins`, in words, and by how much.
+    """Return in words which changes, and how large, would each give a controller the margins of `first_with_margins`.
 
-    One number is changed at a time, with the gains unchanged: the control period [s], the rotors, the springs, and the
-    torque limits. "" if none of them is enough alone.
+    One parameter is changed at a time, with the gains unchanged: the control period [s], the rotors, the springs or the
+    torque limits. The text names no change if none suffices alone.
     """
 
     def enough() -> Iterator[str]:

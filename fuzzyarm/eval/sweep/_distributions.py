@@ -29,7 +29,7 @@ class _Quantity(NamedTuple):
 
     label: str
     unit: str = "× nominal"
-    arm_fields: tuple[str, ...] = ()  # fields of `ArmParameters`, or of a robot, that it multiplies, joint by joint
+    arm_fields: tuple[str, ...] = ()  # fields of `ArmParameters`, or of a robot, that it multiplies, for each joint
 
 
 QUANTITIES = {

@@ -20,7 +20,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
 __all__ = ["Delay", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants"]
 
-_WORTHWHILE = 1000  # episodes from which on a kernel of law and plant is used: compiling it takes a few seconds
+_WORTHWHILE = 1000  # number of episodes from which a kernel of law and plant is used: compiling it takes a few seconds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +120,7 @@ def errors_step_by_step(plants: Plants, policy: Predictor) -> TipErrors:
 
 
 def errors_in_one_kernel(plants: Plants, policy: Predictor) -> TipErrors | None:
-    """Return the tip errors, computed by one kernel of law and plant; None without a law or finite torques."""
+    """Return the tip errors, computed by one kernel; None without a law or if a torque is not finite."""
     if not isinstance(policy, Policy) or (law := law_of(policy)) is None:
         return None
     (observation, info), channel = plants.begin(), plants.channel
@@ -143,7 +143,7 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
 
 
 def _steps(plants: Plants, policy: Predictor) -> Iterator[Step]:
-    """Run one episode in every lane of the plants, with the noise and the delay of its plant."""
+    """Run one episode in every lane of the plants, with the noise and the delay of each plant."""
     noise, delay = plants.channel
     sense = None if noise is None else functools.partial(_noisy, noise)
     actuate = Delay(delay, plants.config.joints) if delay.any() else None

@@ -21,7 +21,7 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 
 __all__ = ["write_sweep_figures"]
 
-# Ordered by lightness for any colour vision, and in grey: dark is bad; red where half or more ended early.
+# Ordered by lightness, to be read with any colour vision and in grey: dark is bad. Red: half or more ended early.
 _COLORS = colormaps["viridis_r"].with_extremes(over="#CC3311")
 _FINE, _COARSE = 1.0 / 40.0, 5.0  # ends of the colour scale, as shares of the bound of success
 _LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
@@ -31,7 +31,7 @@ class _Cells(NamedTuple):
     """The plane of a sweep's heat maps, divided into cells (across, up)."""
 
     edges: tuple[np.ndarray, ...]  # of the cells along each column of the plane, (across + 1,) and (up + 1,)
-    places: np.ndarray  # (n, 2) the cell of each plant, a number across and one up
+    places: np.ndarray  # (n, 2) the cell of each plant, as its indices across and up
 
     @classmethod
     def of(cls, config: SweepConfig, plants: np.ndarray) -> _Cells:

@@ -2,7 +2,7 @@
 
 Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
 stream for seed + i; noise and delay come from another stream of the same seed. So a plant does not depend on its chunk,
-worker, policy or case: comparisons are paired.
+worker, policy or case, and comparisons are paired.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives, with_mass
 __all__ = ["CONTROL_PERIOD", "Plants"]
 
 CONTROL_PERIOD = 1e-3  # s
-_EXTRAS = 1  # names the stream of noise and delay, at places 0 and 1, among those of a plant's seed
+_EXTRAS = 1  # number of the stream of noise (place 0) and delay (place 1) among those of a plant's seed
 
 
 class Plants:
@@ -93,7 +93,7 @@ def _environment(
     """Return the environment of `count` plants in these cases.
 
     Each lane's own arm and disturbance hold the values of the grid, `cells`; the environment draws the rest. All chunks
-    of a sweep have the sub-step of its fastest plant.
+    use the sub-step that the fastest plant of the sweep needs.
     """
     arm, drawn = config.arm, config.drawn()
     noisy = drawn.noise[1] > 0.0 or "noise" in cells
@@ -145,7 +145,7 @@ def _disturbance(arm: AnyArm, case: str, payload: float, force: float, noisy: bo
     """Return the disturbance of a case with `payload` [kg] added and the tip force times `force`."""
     own = case_for(case, arm).disturbance
     tip_force = own.tip_force if own.tip_force is None or force == 1.0 else _ScaledForce(own.tip_force, force)
-    # A payload of the case stays in its place, and what is added joins it there.
+    # A payload of the case keeps its position, and the added mass is placed there too.
     place = own.payload.at if own.payload.mass > 0.0 else "tip"
     load = own.payload if payload == 0.0 else Payload(own.payload.mass + payload, place)
     return dataclasses.replace(own, tip_force=tip_force, payload=load, encoder_noise=NOISE if noisy else None)

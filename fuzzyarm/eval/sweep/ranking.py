@@ -97,7 +97,7 @@ def is_sweep(path: Path) -> bool:
 def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
     """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that hold them.
 
-    It raises what `rank_policies` does.
+    It raises the errors of `rank_policies`.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     again = "make it again with fuzzyarm sweep --out {}"

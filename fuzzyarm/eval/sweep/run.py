@@ -1,9 +1,9 @@
 """A sweep in its folder: how it is started, run chunk by chunk, resumed, summarised and replayed.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Resuming a sweep runs
-the chunks that are missing. ``run.json`` holds the configuration and everything else on which the numbers depend:
-versions and code, added cases, and the files of the policies. Every file carries the digest of the identity, and
-results of different identities are never mixed in one folder.
+the chunks that are missing. ``run.json`` holds the identity of the sweep: the configuration and everything else on
+which the numbers depend, that is versions and code, added cases, and the files of the policies. Every file carries the
+digest of the identity, and results of different identities are never mixed in one folder.
 """
 
 from __future__ import annotations
@@ -152,8 +152,8 @@ class Sweep:
     def run(self, engine: Engine, report: Callable[[str], None] = lambda text: None) -> Iterator[int]:
         """Run the missing chunks, write each as soon as it is done, and yield the number of its plants.
 
-        The policies are sent to the workers of the engine, which need none of their files. It raises what `Engine.run`
-        does, and ValueError where a chunk in the folder is damaged, a policy fails or a worker has other versions.
+        The policies are sent to the workers of the engine, which do not need their files. The errors are those of
+        `Engine.run`, and ValueError if a chunk in the folder is damaged, a policy fails or a worker has other versions.
         """
         work = functools.partial(_run_chunk, self.config, self.policies, _made_with())
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
@@ -222,7 +222,7 @@ class Sweep:
 def _run_chunk(
     config: SweepConfig, policies: Mapping[str, Predictor], needed: Mapping[str, str], number: int
 ) -> SweepResults:
-    """Run a chunk in this process; ValueError if its versions and sources are not those needed."""
+    """Run a chunk in this process; ValueError if the process's package versions or source code differ from `needed`."""
     if found := _difference(_made_with(), needed):
         raise ValueError(
             f"the versions of a worker differ from those of the process that runs the sweep ({found}): install the "
@@ -243,7 +243,7 @@ def _made_with() -> dict[str, str]:
 
 
 def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
-    """Return everything on which the numbers of a sweep depend, as JSON holds it; the policies may run code."""
+    """Return everything on which the numbers of a sweep depend, as data for JSON; the policies may run code."""
     axes = 2 if config.robot is None else 3
     return {
         "config": _numbers(config.to_dict()),

@@ -5,11 +5,12 @@ smallest error that at least n p of the errors do not exceed. It is one of the e
 ended early.
 
 Confidence intervals are of 95 % and refer to the distribution that the plants were drawn from (for a grid: to plants
-chosen from it at random). Quantiles have percentile bootstraps. The quantile of a resample is one of the errors, at
-some rank r, and the distribution of r does not depend on the errors: `scipy.stats.bootstrap` resamples the ranks once,
-for all policies, cases and metrics. Such an interval cannot exceed the largest error. Therefore the interval of the
-99 % quantile covers it in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A success
-rate has Wilson's interval: where all plants succeed, every resample does too, and a bootstrap would claim certainty.
+chosen from it at random). Intervals of quantiles are percentile bootstraps. The quantile of a resample is one of the
+errors, at some rank r, and the distribution of r does not depend on the errors: `scipy.stats.bootstrap` resamples the
+ranks once, for all policies, cases and metrics. Such an interval cannot exceed the largest error. Therefore the
+interval of the 99 % quantile covers the true quantile in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in
+95 % from 3000 on. A success rate has Wilson's interval: where all plants succeed, every resample does too, and a
+bootstrap would claim certainty.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def _worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers (count,) of the worst plants: the earliest ends first, then by falling error."""
+    """Return the numbers (count,) of the worst plants: first by the time of an early end, then by decreasing error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 

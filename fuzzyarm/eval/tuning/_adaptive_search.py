@@ -1,20 +1,21 @@
-"""The weights of the adaptive observer: the smallest sum of largest errors over random arms, none beyond a cap.
+"""The weights of the adaptive observer: the smallest sum of the largest errors, each capped, over random arms.
 
-Objective: the largest tip error, on average over the arms of each of `_GROUPS` plus `_TAIL` times that of the worst of
-them, summed over the groups, plus that of the nominal arm without load and with encoder noise, all in mm. An arm whose
-episode ends early, or that errs more, counts as `_CAP`. Arms follow random circles, lemniscates and lines that take at
-most 95 % of the torque limits under the heaviest load, with a payload of up to the arm's (Table 1: 5 kg), half of them
-under a force in a random direction from a random instant on, half under one against the direction of travel, both up to
-the arm's (250 N). The first group has the known arm. The second has masses and motor
-inertias within 10 % of it, stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. The
-third adds encoder noise of up to twice the README's, and commands delayed by up to two periods. The default reference
-is used only for the last error, and the cases with loads are not used.
+Objective [mm]: each arm has a largest tip error, which counts as at most `_CAP`, also if the episode ends early. The
+mean over the arms of a group plus `_TAIL` times the value of the worst arm is summed over the groups in `_GROUPS`, and
+the largest tip error of the nominal arm without load and with encoder noise is added. The random arms follow random
+circles, lemniscates and lines that take at most 95 % of the torque limits under the heaviest load. They carry a payload
+of up to the arm's (Table 1: 5 kg). Half of them are under a force in a random direction from a random instant on, the
+other half under a force against the direction of travel, both of up to the arm's (250 N). The first group has the known
+arm. The second has masses and motor inertias within 10 % of the known ones, stiffness within 20 %, damping and friction
+within 50 %, torque constants within 10 %. The third adds encoder noise of up to twice the README's, and delays of the
+commands of up to two periods. The default reference is used only for the last error, and the cases with loads are not
+used.
 
 The weights of `_BOX` are searched for. The others are fixed: they state prior knowledge (how far an arm may differ from
 the known one) or the confidence of a test (the dead zone: four standard deviations).
 
-The policy tolerates other loops only because it adapts: with frozen adaptation it is unstable if the loop gain is a few
-per cent off, so its search has no margin constraint.
+The policy tolerates other loops only because it adapts: with frozen adaptation its loop is unstable if the loop gain is
+a few per cent off. The search therefore has no constraint on margins.
 
 The shipped weights come from the points of `ADAPTIVE_SEARCH` and two runs of Nelder-Mead with 24 evaluations, one from
 the best point and one from the first guess.
@@ -60,16 +61,16 @@ _BOX = {
     "gate": (1.0, 8.0),
 }
 _DIGITS = 2  # of a weight
-_LANES, _SEED = 40, 11  # of the arms that are tuned on, in each group
-# The largest error that an arm counts with [mm], and what it counts if its episode ends early. It does not define a
-# lost path, see `metrics.is_lost`: it keeps one arm that is far off from deciding for all.
+_LANES, _SEED = 40, 11  # of the random arms of each group
+# The largest value [mm] of an arm's error in the objective, also its value if the episode ends early. The cap keeps a
+# single arm with large errors from dominating. It does not define a lost path, see `metrics.is_lost`.
 _CAP = 50.0
 _UNFIT = math.inf  # cost of weights for which there is no regulator
-_TAIL = 0.1  # weight of the worst arm beside the mean
+_TAIL = 0.1  # weight of the worst arm; that of the mean is 1
 _FEASIBLE = 0.95  # of the torque limits
 _LARGEST_FORCE, _LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
 _LONGEST_DELAY, _TORQUE_CONSTANT = 2, 0.1  # periods; share
-# By name: whether the arm differs from the known one, and whether its commands are delayed and its encoders noisy.
+# By name: whether arms differ from the known one, and whether their commands are delayed and their encoders noisy.
 _GROUPS = {"known": (0, 0), "unknown": (1, 0), "unknown, delayed and noisy": (1, 1)}
 _NOISE = EncoderNoise(position=1e-5, velocity=1e-3)  # rad, rad/s
 _NOTE = (
@@ -92,15 +93,15 @@ def find_adaptive(context: Context) -> Found:
 
 
 def _policy(arm: ArmParameters, bandwidth: float | None, weights: AdaptiveWeights) -> AdaptiveObserverPolicy:
-    """Return the policy; where its filter has diverged, computed torque of this bandwidth acts (None: its default)."""
+    """Return the policy; if its filter diverges, computed torque with this bandwidth (None: the default) takes over."""
     return AdaptiveObserverPolicy(arm, PERIOD, weights, TipPolicy(ComputedTorquePolicy(arm, PERIOD, bandwidth)))
 
 
 @functools.lru_cache(maxsize=1)
 def _objective_for(arm: ArmParameters, bandwidth: float | None) -> Costs:
-    """Return the objective [mm] of an arm, a function of logarithms (9,) in `_BOX`; a process builds its arms once.
+    """Return the objective [mm] of an arm, a function of logarithms (9,) in `_BOX`; arms are built once per process.
 
-    It is `_UNFIT` if there is no regulator for the weights. The bandwidth [rad/s] is that of `_policy`.
+    The objective is `_UNFIT` if there is no regulator for the weights. `bandwidth` [rad/s] is that of `_policy`.
     """
     groups = [_random_arms(group, arm) for group in _GROUPS]
 
@@ -116,10 +117,10 @@ def _objective_for(arm: ArmParameters, bandwidth: float | None) -> Costs:
 
 
 def _random_arms(group: str, arm: ArmParameters) -> Callable[[AdaptiveObserverPolicy], np.ndarray]:
-    """Draw arms of a group of `_GROUPS`: loads, noise, delays and torque constants; `arm` is the known one.
+    """Draw loads, noise, delays and torque constants for the arms of a group in `_GROUPS`; `arm` is the known one.
 
-    Returns the function from a policy to the largest tip error of every arm's episode [mm], (lanes,), at most `_CAP`.
-    The plants are drawn by its reset.
+    Return a function from a policy to the largest tip error [mm] in each arm's episode, (lanes,), at most `_CAP`. The
+    function draws the plants, always the same, when it resets the environment.
     """
     unknown, late = _GROUPS[group]
     generator, disturbances = np.random.default_rng((_SEED, list(_GROUPS).index(group))), []

@@ -46,14 +46,14 @@ def heaviest(arm: AnyArm) -> float:
 
 
 def force_factor(arm: AnyArm) -> float:
-    """Return the arm's forces over those of Table 1 [1], by which its machining force is scaled; 1 for Table 1."""
+    """Return the ratio [1] of the arm's forces to those of Table 1, which scales its machining force; 1 for Table 1."""
     own, papers = (case.disturbance.tip_force for case in (case_for("machining", arm), find_case("machining")))
     assert isinstance(own, MachiningForce) and isinstance(papers, MachiningForce)
     return own.base / papers.base
 
 
 def with_stiffness(arm: AnyArm, factor: float) -> AnyArm:
-    """Return the arm with all joints `factor` times as stiff."""
+    """Return the arm with the stiffness of all joints times `factor`."""
     return with_drives(arm, stiffness=factor * per_joint_of(arm, "stiffness"))
 
 
@@ -70,7 +70,7 @@ class Finding:
     arm_sha256: str  # `Robot.digest`
     policy: str
     chosen: dict[str, float | None] | None  # the numbers by name, SI units; None: nothing was found
-    measured: dict[str, float | None]  # what decided, by name
+    measured: dict[str, float | None]  # the quantities that decided, by name
     radii: dict[str, float | None]  # spectral radius by condition of `fuzzyarm margins`; None where there is no loop
     tried: int  # candidates that were assessed
     rule: str

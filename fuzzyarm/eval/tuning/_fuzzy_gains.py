@@ -1,16 +1,16 @@
-"""How large the gains of a fuzzy controller should be: a grid over γ and the bound of the fastest pole.
+"""The choice of the gains of a fuzzy controller: a grid over γ and the bound on the fastest pole.
 
-Rule, by the nominal case and margins only: the smallest rms error of the motors in the nominal case among the designs
-of the grid whose loop on the sampled elastic arm tolerates four times its gain (12 dB), 1.5 times with one extra sample
-of delay, and in which small deviations at least halve within the movement under every combination of: one extra sample
-of delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or
-the arm's payload at the tip. The policy knows the nominal arm throughout. Designs whose motor error is within `WORTH`
-of the smallest are equally good, and of those the one with the smallest float part of the tip's proven bound is taken,
-see `largest_deviation`.
+The rule uses only the nominal case and margins: it minimises the rms error of the motors in the nominal case over
+the designs of the grid that meet two requirements. The loop on the sampled elastic arm must tolerate four times
+its gain (12 dB), and 1.5 times with one extra sample of delay. Small deviations must at least halve within the movement
+under every combination of: one extra sample of delay or none; joints 20 % softer or stiffer or as they are; and no
+further change, loop gain x 0.67, loop gain x 1.5 or the arm's payload at the tip. The policy knows the nominal arm
+throughout. Designs whose motor error is within `WORTH` of the smallest are equally good; of these the rule selects the
+one with the smallest float part of the tip's proven bound, see `largest_deviation`.
 
 The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
-inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
-given up where no design with the largest γ, the smallest gains of the grid, meets the requirements.
+inertias and (20 1/s)/α; the poles are those of Table 1, because the control period limits them. A decay rate is given
+up if no design with the largest γ, which has the smallest gains of the grid, meets the requirements.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ __all__ = ["FUZZY", "GRID", "PROVEN_SETS", "RULES", "find_gains", "largest_devia
 RULES = 4
 """Rules of the fuzzy controller."""
 FUZZY = f"fuzzy-{RULES}"
-"""The name of the fuzzy controller; models that keep more premises are alike, and have its γ and fastest pole."""
+"""The name of the fuzzy controller; those that keep more premises are similar and use its γ and fastest pole."""
 
 _GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)  # γ [rad/(N m)] for Table 1 at the first α
-_POLES = (None, 300.0, 250.0, 200.0, 170.0, 150.0, 120.0, 100.0, 80.0, 60.0)  # bounds of the fastest pole [1/s]
+_POLES = (None, 300.0, 250.0, 200.0, 170.0, 150.0, 120.0, 100.0, 80.0, 60.0)  # bounds on the fastest pole [1/s]
 GRID = len(_GAMMAS) * len(_POLES)
-"""Designs that are tried for one decay rate."""
+"""Number of designs that are tried for one decay rate."""
 _STIFFNESS = (0.8, 1.0, 1.2)  # factors on both joints
 _LOOP_GAINS = (1.0, 0.67, 1.5)
-# Of a design, by the names in its finding: the motor error [mrad], the loop gains it bears, with a sample of delay too.
+# Names in a finding: the motor error [mrad], and the loop gains tolerated without and with one sample of delay.
 _ERROR, _UPPER, _LATER = "case_1_joint_error_rms_mrad", "gain_margin_upper", "gain_margin_upper_1_sample_later"
 _LEAST = {_UPPER: 4.0, _LATER: 1.5}
 
@@ -103,7 +103,7 @@ def _points_of(arm: ArmParameters, alpha: float) -> list[Specification]:
 
 
 def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
-    """Design for one point of the grid and measure the quantities in the rule; None without a design."""
+    """Return the design for one point of the grid with the measurements of the rule; None without a design."""
     try:
         controller = design(wanted, arm, explain=False).controller
     except DesignFailed:
@@ -147,7 +147,7 @@ def _equals_of(made: Sequence[_Made]) -> list[_Made]:
 
 
 def _equals_in_words(equals: Sequence[_Made]) -> str:
-    """Return in a sentence what the float part of the bound decided between equally good designs, the best first."""
+    """Return a sentence on how the float part of the bound decided between equally good designs, the best first."""
     if len(equals) == 1:
         return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound was not needed."
     best, worst = (one.measured["tip_deviation_mm"] for one in (equals[0], equals[-1]))
@@ -157,13 +157,13 @@ def _equals_in_words(equals: Sequence[_Made]) -> str:
     )
 
 
-# The bound of the tip error -------------------------------------------------------------------------------------------
+# The bound on the tip error -------------------------------------------------------------------------------------------
 
-_DIRECTIONS = 16  # of the tip; the largest deviation along them is at most 0.5 % below the largest one
+_DIRECTIONS = 16  # of the tip; along them the largest deviation is at most 0.5 % below that over all
 
 
 def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: int) -> float:
-    """Return the largest deviation of the tip [m] that friction of any course up to the static one can cause.
+    """Return the largest deviation of the tip [m] that any friction up to the static friction can cause.
 
     With the closed loop x⁺ = Φ x + B w at a posture, where w is the friction of the motors held over a control period,
     |w| <= F_s, and J is the Jacobian of the tip, it is
@@ -171,7 +171,7 @@ def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: i
         max over directions d of Σ_k |dᵀ J Φ^k B| F_s.
 
     It is the largest part of the proven bound of the set ``any-friction``, here at frozen postures and in floats. The
-    loops are stable, and the torque reads all of the policy's memory at each of them.
+    loops must be stable, and the torque must depend on all of the policy's memory in each.
     """
     at = columns(State)
     turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS

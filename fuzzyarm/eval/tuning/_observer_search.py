@@ -2,7 +2,7 @@
 
 Objective: the mean over random arms of the rms tip error, plus the largest tip error of the nominal case with encoder
 noise, both in mm. The arms follow the default reference with masses, motor inertias and stiffness within 10 % and
-damping and friction within 50 % of what the policy knows, an unknown payload of up to the arm's (Table 1: 5 kg), an
+damping and friction within 50 % of the policy's values, an unknown payload of up to the arm's (Table 1: 5 kg), an
 unknown tip force of up to the arm's (200 N) in any direction from some instant of the first half on, and encoder noise.
 The cases with loads are not used.
 
@@ -44,10 +44,10 @@ _BOX = {  # the two quotients vary less along the edge of the constraint than th
     "load_walk [1/√s]": (0.01, 0.5),
     "motor_torque / load_walk [s]": (3e-3, 3e-2),
 }
-_DIGITS = 3  # of a weight; a finer one says nothing
+_DIGITS = 3  # of a weight; more would say nothing
 _UNFIT = 100.0  # mm
 
-_LANES, _SEED = 48, 1  # of the arms that are tuned on
+_LANES, _SEED = 48, 1  # of the random arms
 _NOISE = EncoderNoise(position=1e-5, velocity=1e-3)  # rad and rad/s
 _WITHIN: dict[str, Any] = {
     **dict.fromkeys(("mass", "motor_inertia", "stiffness"), (0.9, 1.1)),
@@ -67,9 +67,9 @@ def find_observer(context: Context) -> Found:
 
 @functools.lru_cache(maxsize=1)
 def _objective_for(arm: ArmParameters) -> Costs:
-    """Return the objective [mm] of an arm, a function of logarithms (4,) in `_BOX`; a process builds its arms once.
+    """Return the objective [mm] of an arm, a function of logarithms (4,) in `_BOX`; arms are built once per process.
 
-    It is `_UNFIT` or more where a condition is not met.
+    The objective is `_UNFIT` or more if a condition is not met.
     """
     plants, allowed, noise = _random_arms(arm), _largest_allowed(arm), Disturbance(encoder_noise=_NOISE)
     noisy = gym.make_vec("FuzzyArm-v0", num_envs=1, disturbance=noise, parameters=arm)

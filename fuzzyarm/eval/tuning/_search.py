@@ -31,7 +31,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 __all__ = ["WORTH", "Context", "Costs", "Found", "WeightSearch", "measured_radii", "motor_error", "nothing", "rounded"]
 
 WORTH = 0.01
-"""Share of the best value of an objective within which others are equally good."""
+"""Relative difference from the best value of an objective up to which others are equally good."""
 
 Costs = Callable[[np.ndarray], float]
 """The objective at logarithms (n,) of weights."""
@@ -110,7 +110,7 @@ class WeightSearch:
     weights_of: Callable[[np.ndarray], Any]  # the weights of logarithms (n,)
     box: Mapping[str, tuple[float, float]]  # where the Sobol set lies; Nelder-Mead may leave it
     seed: int  # of the Sobol set
-    unfit: float  # costs from this on are of weights that do not meet the constraint
+    unfit: float  # smallest cost of weights that violate the constraint
     points: int  # of the Sobol set that are tried
     searches: int = 0  # runs of Nelder-Mead
     evaluations: int = 0  # of the objective in each of them
@@ -160,7 +160,7 @@ class WeightSearch:
 
 
 def _descend(objective: Costs, begin: _Point, edge: float, evaluations: int) -> _Point:
-    """Return the best point that Nelder-Mead meets from a point; `edge` is that of the first simplex."""
+    """Return the best point that Nelder-Mead finds from a first point; `edge` is that of the first simplex."""
     best = _Point(begin.logarithms, math.inf)
 
     def watched(logarithms: np.ndarray) -> float:

@@ -1,9 +1,9 @@
 """The steps of tuning an arm: one for each policy, each by its rule in ``rules.json``.
 
-The policies of a robot with more joints begin at the limits found at random postures (`design_scheduled`,
-`bandwidth_for`, `weights_for`) and are slowed down until they are stable in every condition of `fuzzyarm margins` along
-the default reference. A softer joint destabilises the elastic observer's estimate of the load, so that estimate is
-slowed down.
+For a robot with more joints, a policy's parameters start from the limits found at random postures (`design_scheduled`,
+`bandwidth_for`, `weights_for`). The policy is then slowed down until its loop is stable in every condition of `fuzzyarm
+margins` along the default reference. A softer joint destabilises the elastic observer's estimate of the load, so this
+estimate is slowed down.
 """
 
 from __future__ import annotations
@@ -120,12 +120,12 @@ def _bandwidth_of(rows: list[dict[str, Any]], allowed: float) -> dict[str, Any] 
 
 
 def _worst(radii: dict[str, float | None]) -> float:
-    """Return the largest spectral radius of all conditions; inf where there is no loop."""
+    """Return the largest spectral radius of all conditions; inf if a condition has no loop."""
     return max(math.inf if radius is None else radius for radius in radii.values())
 
 
 def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return candidates with their radii, up to the first that is stable in all conditions."""
+    """Return the candidates with their radii, up to and including the first that is stable in all conditions."""
     tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
         tried.append((made_from, measured_radii(policy, context.arm)))
@@ -155,7 +155,7 @@ def _robot_gains(context: Context) -> Found:
 
 
 def _robot_bandwidth(context: Context) -> Found:
-    """Return the largest bandwidth ω [rad/s] that is stable."""
+    """Return the largest bandwidth ω [rad/s] for which the loop is stable."""
     robot: Robot = context.arm
     omegas = np.arange(bandwidth_for(robot, PERIOD), 0.0, -STEP).tolist()
     tried = _slowed_down(context, ((omega, ComputedTorquePolicy(robot, PERIOD, omega)) for omega in omegas))
@@ -164,7 +164,7 @@ def _robot_bandwidth(context: Context) -> Found:
 
 
 def _robot_observer(context: Context) -> Found:
-    """Return the weights of the elastic observer with the fastest walk of the load that is stable."""
+    """Return the weights of the elastic observer with the fastest walk of the load for which the loop is stable."""
     robot: Robot = context.arm
     first = weights_for(robot, PERIOD)
     slower = (dataclasses.replace(first, load_walk=first.load_walk / factor) for factor in SOFTENINGS)

@@ -5,7 +5,7 @@
     fuzzy-4.json      the controller file
     laws.json parameters of the other laws, see `policies.tuned`: with it the folder can be used
     margins.json      what `fuzzyarm margins --robot FOLDER --json` prints
-    README.md         the decisions, for a person
+    README.md         the decisions, for readers
 
 Every file is written whole or not at all, and ``laws.json`` after the files that it names. No step depends on time,
 chance or the number of processes, so an interrupted and resumed run has the result of an uninterrupted one.
@@ -46,7 +46,7 @@ from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 __all__ = ["NothingFound", "Tuned", "begin", "ranges_of", "resumed_arm", "tune", "tune_arm"]
 
 _MARGINS = "margins.json"
-_INSTANTS = 501  # of the path, at which the weight is held
+_INSTANTS = 501  # of the path, at which the motors must hold the weight
 
 _Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]  # see `common.console.progress`
 
@@ -65,10 +65,10 @@ class Tuned:
 
 
 def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
-    """Write the arm into an empty folder, with the ranges of its numbers, at whose ends margins are measured too.
+    """Write the arm and its ranges into an empty folder; margins are also measured at the ends of the ranges.
 
     Raises:
-        ValueError: the folder is not empty, or the arm cannot hold itself.
+        ValueError: the folder is not empty, or the motors cannot hold the arm.
     """
     if str(folder) in shipped_robots():
         raise ValueError(
@@ -119,8 +119,8 @@ def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False
     """Find the numbers of every model-based policy for an arm, as `fuzzyarm tune` does.
 
     Args:
-        robot: what `chosen_arm` takes; None: Table 1, or with `resume` the arm of the folder.
-        folder: to write, made if needed.
+        robot: an argument of `chosen_arm`; None: Table 1, or with `resume` the arm of the folder.
+        folder: folder to write, made if needed.
         resume: whether to go on with the tuning in the folder.
         jobs: number of processes; None: one per core.
 
@@ -147,7 +147,7 @@ def tune(
     bar: _Bar = lambda text, total: contextlib.nullcontext(lambda **named: None),
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
-    """Take the missing steps in a folder of `begin` for its arm, and write its other files; see `tune_arm`.
+    """Run the missing steps in a folder of `begin` for its arm, and write its other files; see `tune_arm`.
 
     `bar` shows the progress of a step, see `common.console.progress`; `finished` is called with each finding.
     """
