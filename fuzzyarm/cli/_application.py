@@ -34,19 +34,19 @@ GROUPS = {
         "evaluate": "Run policies on the elastic arm; write a table and figures.",
         "report": "Make one HTML page of an evaluation, with a replay.",
         "leaderboard": "Rank the policies of several evaluations.",
-        "score": "Score policies on episodes that no training draws.",
+        "score": "Score policies on episodes that are never used in training.",
     },
     "Know the arm": {
-        "robot": "Write the file of a robot from its URDF or MJCF model.",
-        "identify": "Find the parameters of an arm in a log of its motors.",
+        "robot": "Write a robot file from a URDF or MJCF model.",
+        "identify": "Identify the parameters of an arm from logs of its motors.",
     },
     "Design controllers": {
-        "tune": "Find the numbers of all model-based policies for an arm.",
+        "tune": "Tune all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
-        "verify": "Prove controller files, and files of bounds, again.",
-        "prove": "Prove a bound of the tip error on the elastic arm.",
+        "verify": "Prove controller files and bound files again.",
+        "prove": "Prove a bound on the tip error of the elastic arm.",
         "margins": "Measure how far policies are from instability.",
-        "linearise": "Write A, B, C, D of a policy's loop for other tools.",
+        "linearise": "Write matrices A to D of a policy's loop for other tools.",
         "show": "Print the law of a policy and its gains, as numbers.",
         "export": "Write a policy as C source for a controller board.",
     },
@@ -57,7 +57,7 @@ GROUPS = {
     "Study": {
         "sweep": "Run policies on thousands of different plants.",
         "paper": "Reproduce the paper's figures and numbers.",
-        "bench": "Measure steps per second beside other environments.",
+        "bench": "Compare steps per second with other environments.",
     },
 }
 """The line of each command in the help, by name, under the heading of its group."""
@@ -70,16 +70,16 @@ _NEXT = {
     "identify": "fuzzyarm tune --robot FILE --out DIR",
     "design": "fuzzyarm evaluate --policy FILE --policy FILE-tip",
     "verify": "fuzzyarm margins --policy FILE",
-    "prove": "with --out FILE, fuzzyarm verify FILE",
+    "prove": "fuzzyarm verify FILE, for a FILE written by --out",
     "margins": "fuzzyarm evaluate --policy NAME",
     "linearise": "python-control and MATLAB read the files; see the documentation",
     "show": "fuzzyarm export c NAME --out DIR",
-    "export": "compile the source, and compare it with the vectors beside it",
+    "export": "compile the source and run the test vectors written with it",
     "train": "fuzzyarm score --policy DIR/policy",
     "dataset": "python examples/clone_policy.py FOLDER learns from it",
     "sweep": "fuzzyarm leaderboard DIR",
-    "paper": "read paper.md: every number, and why it differs",
-    "bench": "with --lanes-sweep --out DIR, speed over the number of arms",
+    "paper": "read paper.md, which lists every number and why it differs",
+    "bench": "--lanes-sweep --out DIR plots the speed over the number of arms",
 }
 """What may come after a command, for readers of a terminal; `evaluate` and `tune` say it themselves."""
 
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (UsageError, ValueError) as error:
         return _fail(f"{command}: {error}", 2)
     except KeyboardInterrupt:
-        return _fail(f"{command}: interrupted; files already written are whole", 130)
+        return _fail(f"{command}: interrupted; files already written are complete", 130)
 
 
 def entry_point() -> None:
@@ -208,7 +208,7 @@ def _name_left_out(robot: Any) -> None:
             given = {name: value for name, value in read_toml(Path(robot)).items() if name != "ranges"}
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
             if ArmParameters.from_dict(given) and names:
-                say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)
+                say(f"{robot} does not set {names}: taken from Table 1 of the paper", error=True)
 
 
 def _whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:
@@ -246,7 +246,7 @@ def _explained(error: cyclopts.CycloptsError) -> str:
             hint = f"did you mean {nearest[0]}?" if nearest else f"choose from: {', '.join(names)}"
             return f"unknown command {error.unused_tokens[0]}; {hint}"
         case cyclopts.UnusedCliTokensError():
-            return f"{' '.join(error.unused_tokens or ())} belongs to no option"
+            return f"unexpected argument {' '.join(error.unused_tokens or ())}"
         case cyclopts.MissingArgumentError() if error.argument is not None:
             if error.keyword is None and not error.tokens_so_far:
                 return f"{_name(error)} is missing"

@@ -64,5 +64,5 @@ def stopped(command: str, out: Path, error: BaseException) -> int:
     """Print why a command ended early and how to continue it; return the exit code."""
     interrupted = isinstance(error, KeyboardInterrupt)
     reason = "interrupted" if interrupted else error
-    say(f"fuzzyarm {command}: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
+    say(f"fuzzyarm {command}: {reason}; finished work is kept: continue with --resume --out {out}", error=True)
     return 130 if interrupted else 1

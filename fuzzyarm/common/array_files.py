@@ -86,7 +86,7 @@ def _check_directory(file: BinaryIO, size: int) -> None:
         raise ValueError("it is too short for a zip archive")
     signature, *_, length, _, comment = _END.unpack(content)
     if signature != b"PK\x05\x06" or comment:
-        raise ValueError("it does not end like a zip archive")
+        raise ValueError("it does not end as a zip archive must")
     before = size - _END.size - _LOCATOR - _END64.size
     if before >= 0:
         file.seek(before)
@@ -125,7 +125,7 @@ def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
         raise _UnsupportedType(f"{name[:40]!r} has the type {str(dtype)[:40]}; save arrays of numbers or text")
     needed, left = math.prod(shape) * dtype.itemsize, size - stream.tell()
     if min(shape, default=0) < 0 or needed != left:
-        raise ValueError(f"{name[:40]!r} has {left} bytes; needed: {needed}, for the shape {shape} of {dtype}"[:160])
+        raise ValueError(f"{name[:40]!r} has {left} bytes; needed: {needed}, for shape {shape} and type {dtype}"[:160])
     array = np.empty(shape, dtype, order="F" if by_columns else "C")
     content = stream.read(needed + 1)  # with the limit: `read()` would unpack more than the stated size
     if len(content) != needed:

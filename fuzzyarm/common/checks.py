@@ -161,10 +161,10 @@ def finite_array(
         raise ValueError(f"{name} has shape {array.shape}; allowed: {shape}")
     result = array.astype(np.float64)
     if not np.isfinite(result).all():
-        raise ValueError(f"{name} holds numbers that are not finite")
+        raise ValueError(f"{name} contains numbers that are not finite")
     if (np.abs(result) > largest).any():
         allowed = _allowed(unit, low=-largest, high=largest)
-        raise ValueError(f"{name} holds a number of magnitude {np.abs(result).max():g}: out of range; {allowed}")
+        raise ValueError(f"{name} contains a number of magnitude {np.abs(result).max():g}, out of range; {allowed}")
     return result
 
 
@@ -173,14 +173,14 @@ def array_of(name: str, values: Any) -> np.ndarray:
     try:
         return np.asarray(values)
     except (ValueError, MemoryError, OverflowError) as error:
-        reason = str(error).partition(".")[0] or "more numbers than the memory holds"
+        reason = str(error).partition(".")[0] or "more numbers than fit in memory"
         raise ValueError(f"{name} = {shown(values)} is not an array: {listed([reason])}") from None
 
 
 def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
     """Raise TypeError for an array of booleans, complex numbers, strings, dates or objects."""
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:_MESSAGE])
+        raise TypeError(f"{name} must contain real numbers{_bracketed(unit)}, not {array.dtype}"[:_MESSAGE])
 
 
 def all_finite(array: np.ndarray) -> bool:

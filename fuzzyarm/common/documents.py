@@ -77,7 +77,7 @@ def read_bytes(path: Path, *, largest: int = _LARGEST) -> bytes:
     with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
-        raise DocumentError(f"{path}: larger than {largest} bytes, the limit for such a file")
+        raise DocumentError(f"{path} is larger than {largest} bytes, the limit for such a file")
     return content
 
 

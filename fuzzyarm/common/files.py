@@ -53,7 +53,7 @@ def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
     contents = {folder / name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for path, content in contents.items():
         if path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content):
-            raise ValueError(f"{path} already exists with other content: remove it, or choose another folder")
+            raise ValueError(f"{path} already exists with different content: remove it, or choose another folder")
     for path, content in contents.items():
         write_atomically(path, content)
     return list(contents)

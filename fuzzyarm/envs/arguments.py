@@ -93,7 +93,7 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
     try:
         return np.array(array, dtype=np.float64, order="C")
     except MemoryError:
-        raise ValueError(f"{name} has shape {array.shape}, which is too large for the memory") from None
+        raise ValueError(f"{name} has shape {array.shape}, which does not fit in memory") from None
 
 
 def action_space(arms: Sequence[AnyArm]) -> spaces.Box:

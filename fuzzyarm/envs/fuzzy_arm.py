@@ -190,7 +190,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._reference is not None and not self._begun:
             return self._reference
         if not self._begun:
-            raise ResetNeeded("each episode draws its own reference: call env.reset() first")
+            raise ResetNeeded("there is no reference yet, because each episode draws its own: call env.reset()")
         return self._lanes.schedule(0)[0]
 
     def reset(
@@ -298,7 +298,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if self.render_mode == "rgb_array":
             return self._film.picture(self._lanes.schedule(0)[1])
         if self.render_mode is None:
-            gym.logger.warn("render() needs a render mode: gym.make('FuzzyArm-v0', render_mode='rgb_array')")
+            gym.logger.warn("render() needs a render mode, as in gym.make('FuzzyArm-v0', render_mode='rgb_array')")
         return None
 
     def close(self) -> None:

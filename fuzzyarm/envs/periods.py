@@ -36,9 +36,9 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
     needed = duration * rate / _RESOLVED
     if needed > _MOST_SUBSTEPS:
         raise ValueError(
-            f"the fastest mode of the arm, {rate:.3g} rad/s, needs sub-steps of {_RESOLVED / rate:.3g} s, more than "
-            f"the {_MOST_SUBSTEPS} allowed in {duration:g} s; choose a shorter control_period, or an arm with less "
-            "stiffness, damping or viscous friction, or heavier rotors and links"
+            f"the fastest mode of the arm, {rate:.3g} rad/s, needs sub-steps of {_RESOLVED / rate:.3g} s, and so "
+            f"more than the {_MOST_SUBSTEPS} allowed in {duration:g} s; choose a shorter control_period, or an arm "
+            "with less stiffness, damping or viscous friction, or heavier rotors and links"
         )
     return max(math.ceil(duration / MAX_DEFAULT_SUBSTEP - 1e-9), math.ceil(needed - 1e-9))
 
@@ -57,7 +57,7 @@ def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
         )
     if part * rate >= _STABLE:
         raise ValueError(
-            f"substep = {part:g} s is too long: in the simulation the fastest mode of the arm, {rate:.3g} rad/s, would "
-            f"grow; use substep = {period / default_substeps(period, rate):.6g} s"
+            f"substep = {part:g} s is too long: the simulation of the arm's fastest mode, {rate:.3g} rad/s, would be "
+            f"unstable; use substep = {period / default_substeps(period, rate):.6g} s"
         )
     return count

@@ -57,7 +57,7 @@ def _plain(value: Any) -> Any:
     home, kind = type(value).__module__, type(value).__qualname__
     if dataclasses.is_dataclass(value) and home.startswith(_HOME) and kind.isidentifier():
         return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **_fields(value)}
-    raise ValueError(f"{shown(value)} cannot be written as JSON: instead, give it to gymnasium.make again")
+    raise ValueError(f"{shown(value)} cannot be written as JSON: pass it to gymnasium.make again instead")
 
 
 def _made(value: Any, inside: bool = False) -> Any:

@@ -56,7 +56,7 @@ def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list
     permitted = set(map(recorded, named))
     if flags := " ".join(f"--policy {name}" for name in code if recorded(name) not in permitted):
         raise ValueError(
-            f"{place} that is not part of fuzzyarm, and a file alone runs no code; if you trust this code, add {flags}"
+            f"{place} that is not part of fuzzyarm and runs only if you permit it; if you trust this code, add {flags}"
         )
     others = [spec for spec in map(resolve, named) if recorded(spec.name) not in set(map(recorded, code))]
     return [one.name for one in others if one.kind is Kind.CODE or one.named or one.label not in labels]

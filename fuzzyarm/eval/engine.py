@@ -108,8 +108,8 @@ class Engine:
                     losses += 1
                     left = f"{len(missing)} chunks"
                     if losses == _TRIES:
-                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left} are not done") from None
-                    report(f"a worker died; the {left} that are not done run again")
+                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left} are unfinished") from None
+                    report(f"a worker died; the {left} that are unfinished will be run again")
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:

@@ -463,7 +463,7 @@ class _Writer:
     def _loop(self, loop: Loop, indent: str) -> list[str]:
         """Return a loop whose carried numbers are variables, assigned once all their next values are computed."""
         if isinstance(loop.count, Symbol):
-            raise Unsupported(f"{self._of.source} has a loop whose number of rounds is known only at run time")
+            raise Unsupported(f"{self._of.source} has a loop whose number of iterations is known only at run time")
         parts = zip(loop.start, loop.inside, loop.end, loop.after, strict=True)
         carried = [part for part in parts if part[1] in self._uses.regions]
         lines, within = list[str](), indent + _INDENT

@@ -83,14 +83,14 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     plants = problem.plants
     odd = {
         "the load of a case": problem.schedule.disturbance != Disturbance(),
-        "any friction": plants.friction == "any",
+        "friction of any course": plants.friction == "any",
         "encoder errors": any(plants.noise),
-        "a late torque": plants.late,
-        "a further force": plants.force_course,
+        "delayed torques": plants.late,
+        "an additional force": plants.force_course,
         "a guest": any(problem.guest),
     }
     if unknown := [words for words, found in odd.items() if found]:
-        raise ValueError(f"an automaton cannot have {' or '.join(unknown)}; choose another set, or the law alone")
+        raise ValueError(f"an automaton cannot model {' or '.join(unknown)}; choose another set, or the law alone")
     ranges = {f"{field}{j + 1}": plants.of_joint(field, j) for field in _FACTORS for j in range(JOINTS)}
     ranges["payload"] = plants.payload
     head = "time," + ",".join(f"{name}_d{j}" for name in ("q", "dq", "ddq") for j in (1, 2))

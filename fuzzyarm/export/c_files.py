@@ -194,13 +194,14 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
     lines = [
         f"Policy {label} of {policy.joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
-        "torques in between. The first call after _init takes the arm as it is measured then.",
-        f"{name}_step returns 0; 1 where a number of the observation is not finite or beyond +-{LARGEST:g} (a sensor "
-        "drops out): the last torques hold, 0 at first, and the memory stays; 2 where the torques would not be finite: "
-        "the last ones hold, and the memory begins again. Decide after how many of these in a row the arm has to stop.",
-        "A missed call has the effect of a call that returns 1; the law does not make up for it. A jump of a sensor "
-        "within that range is acted on like a motion, with torques within the limits.",
-        f"observation: {parts}; {policy.joints} numbers each, in this order, measured and asked for at the same "
+        "torques in between. The first call after _init starts from the state that is measured then.",
+        f"{name}_step returns 0; or 1 if a number of the observation is not finite or beyond +-{LARGEST:g} (a sensor "
+        "drops out): the last torques are held, 0 at first, and the memory is kept; or 2 if the torques would not be "
+        "finite: the last ones are held, and the memory is reset. Decide after how many of these in a row the arm has "
+        "to stop.",
+        "A missed call has the effect of a call that returns 1; the law does not compensate for it. A sensor jump "
+        "within that range is treated like a motion, with torques within the limits.",
+        f"observation: {parts}; {policy.joints} numbers each, in this order, measurements and reference of the same "
         "instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
         *certificate_lines(policy),

@@ -203,7 +203,7 @@ def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
         words = [found[0], *FLAGS, "-shared", "-fPIC", *units, "-o", str(library)]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise ValueError(f"{found[0]} does not compile the FMU {name}: {' '.join(done.stderr.split())[-200:]}")
+            raise ValueError(f"{found[0]} failed to compile the FMU {name}: {' '.join(done.stderr.split())[-200:]}")
         return {f"binaries/{place[0]}/{name}{place[1]}": library.read_bytes()}
 
 

@@ -158,7 +158,7 @@ class Policy(abc.ABC):
             if episode_start is not None:
                 starts = np.atleast_1d(array_of("episode_start", episode_start))
                 if starts.dtype.kind not in "biuf":
-                    raise TypeError(f"episode_start holds {starts.dtype}; needed: booleans")
+                    raise TypeError(f"episode_start must contain booleans, not {starts.dtype}")
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
@@ -185,15 +185,16 @@ class Policy(abc.ABC):
             try:
                 other = self.remake(control_period=period)
             except (OSError, ValueError) as error:
-                reason = f" (this policy cannot be made so: {error})"
+                reason = f" (this policy cannot be made for that period: {error})"
             else:
                 self.__dict__ = {**other.__dict__, "remake": self.remake}
                 return True
         if sure:
             warnings.warn(
-                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but by their references "
-                f"the observations are {1e3 * period:g} ms apart; load the policy with control_period={period:g}, or "
-                f"make the environment with control_period={self.control_period:g}{reason}",
+                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but according to their "
+                f"references, the observations are {1e3 * period:g} ms apart; load the policy with "
+                f"control_period={period:g}, or make the environment with "
+                f"control_period={self.control_period:g}{reason}",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -226,7 +227,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 def _no_torque(observation: np.ndarray) -> ValueError:
     """Return the error for observations (lanes, 5 n) for which a law returns nan."""
     largest = np.abs(observation).max()
-    return ValueError(f"the policy has no finite torque for an observation with a number of magnitude {largest:g}")
+    return ValueError(f"the policy gives no finite torque for an observation with a number of magnitude {largest:g}")
 
 
 class PassLearner(abc.ABC):
@@ -255,7 +256,7 @@ class PassLearner(abc.ABC):
         seen = _checked_observation(observation, self.policy.joints)
         state = self._first(np.zeros((len(seen), self.policy.memory_size))) if state is None else self._checked(state)
         if len(state.memory) != len(seen):
-            raise ValueError(f"state has a memory of {len(state.memory)} lanes; the observation has {len(seen)}")
+            raise ValueError(f"state is for {len(state.memory)} lanes, but the observation has {len(seen)}")
         torque = self._go_on(seen, state)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 

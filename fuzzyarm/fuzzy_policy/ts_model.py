@@ -102,7 +102,7 @@ class TSModel:
         kept = self.kept if isinstance(self.kept, tuple | list) else (self.kept,)
         unknown = [name for name in kept if not isinstance(name, str) or name not in PREMISES]
         if unknown or len(set(kept)) != len(kept):
-            raise ValueError(f"kept = {shown(self.kept)} must be different ones of: {', '.join(PREMISES)}")
+            raise ValueError(f"kept = {shown(self.kept)} must be names, each at most once, from: {', '.join(PREMISES)}")
         object.__setattr__(self, "kept", tuple(sorted(kept)))
 
     @property

@@ -297,14 +297,15 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
     diagonal = np.abs(np.diag(qr(Y, mode="r", pivoting=True)[0]))
     remarks = [
         f"The logs determine {np.count_nonzero(diagonal > _RANK * diagonal[0])} combinations of the {_BODY * n} "
-        "numbers of the links; the others are those of the starting arm and do not matter for the torques.",
+        "numbers of the links; the others are those of the starting arm and do not affect the torques.",
         "Stiffness, damping and friction at rest are not determined: they are those of the starting arm.",
     ]
     offsets = fit.pi[_BODY * n + _DRIVE - 1 :: _DRIVE]
     if np.any(np.abs(offsets) > 0.02 * np.concatenate([part.torque for part in parts]).std(axis=0)):
-        remarks.append(f"Constant torques are not in the file: {', '.join(f'{value:.3g}' for value in offsets)} N m.")
+        values = ", ".join(f"{value:.3g}" for value in offsets)
+        remarks.append(f"The file leaves out the constant torques that were found: {values} N m.")
     if len(parts) == 1:
-        remarks.append("One log does not show how the values differ between logs: there are no intervals.")
+        remarks.append("One log does not show how the values differ between logs, so there are no intervals.")
     curves = [(log.name, part.time, part.torque, part.Y @ fit.pi) for log, part in zip(logs, parts, strict=True)]
     return RobotFit(robot, tuple(rows), held, tuple(remarks), curves, interrupted)
 

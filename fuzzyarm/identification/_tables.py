@@ -37,7 +37,7 @@ _STEADY = 3  # lines of numbers in a row with which the table begins
 _AGREE = 0.8  # share of these lines
 _FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the folder of a ROS 2 bag"
 _BAG = (".mcap", ".db3")
-_SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), each joint a column"
+_SAVED = ": time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), one column per joint"
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
 _MARKUP = {"JSON": r"\s*(\{|\[\s*[\[{])", "XML": r"\s*<", "YAML": r"(---|[\w ]+:)\s*\n"}  # how these begin
@@ -78,7 +78,7 @@ def read_table(path: Path, topic: str | None = None) -> Table:
     if content[:4] == b"PK\x03\x04" and path.suffix != ".npz":
         raise ValueError("it is a zip archive or a spreadsheet: unpack it, or save the sheet as CSV")
     if content[:2] == b"\x1f\x8b":
-        raise ValueError("it is compressed by gzip: unpack it")
+        raise ValueError("it is compressed with gzip: unpack it")
     if content[:4] == b"PK\x03\x04" or content[:6] == b"\x93NUMPY":
         return _of_arrays(read_arrays(path, largest=8 * _MOST_NUMBERS))
     if content[:6] == b"MATLAB" or path.suffix == ".mat":
@@ -187,8 +187,8 @@ def _text(content: bytes) -> Table:
             raise ValueError(f"it is {kind}; write CSV with one line for each instant")
         raise ValueError(
             f"neither comma, semicolon, tab nor space divides its lines into {_FEWEST_COLUMNS} or more columns of "
-            "numbers; write one line for each instant, with one delimiter throughout, not as in "
-            f"{shown(lines[len(lines) // 2])}"
+            f"numbers; one of its lines is {shown(lines[len(lines) // 2])}. Write one line for each instant, with the "
+            "same delimiter throughout"
         )
     style = dataclasses.replace(_STYLES[best], width=scores[best][1])
     if style.delimiter:
@@ -218,7 +218,7 @@ def _text(content: bytes) -> Table:
             f"it has {len(kept) * style.width} numbers; allowed: at most {_MOST_NUMBERS}. Leave out columns"
         )
     if len(kept) < len(rows) - first:
-        remarks.append(f"{len(rows) - first - len(kept)} line(s) are cut off or have no numbers: left out")
+        remarks.append(f"{len(rows) - first - len(kept)} line(s) that are cut off or have no numbers are left out")
     places = [str(k + 1) for k in range(style.width)]
     table = Table(names or places, units, np.array(kept, dtype=float), remarks, headed=bool(names))
     written = list(itertools.compress(lines[first:], rows[first:]))
@@ -352,11 +352,11 @@ def _bag(path: Path, topic: str | None) -> Table:
     if len(states) > _MOST_STATES:
         raise ValueError(f"{chosen} has more than {_MOST_STATES} messages; split the bag")
     others = [one for one in counts if one != chosen]
-    remarks = [f"{chosen} is read; --columns topic=... chooses another of {listing(others)}"] if others else []
+    remarks = [f"{chosen} is read; to choose another, give --columns topic=NAME: {listing(others)}"] if others else []
     stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in states]
     if stamps[-1] <= stamps[0]:
         stamps = [received for received, _ in states]
-        remarks.append("its messages have no stamps: the times of recording are used")
+        remarks.append("its messages have no time stamps: the times at which they were recorded are used")
     names = list(dict.fromkeys(name for _, message in states for name in message.name))
     columns = ["time", *(f"{field} {name}" for field in _FIELDS for name in names)]
     place = {name: k for k, name in enumerate(columns)}

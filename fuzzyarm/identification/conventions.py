@@ -39,13 +39,13 @@ _SLOWEST = 0.1  # of the root mean square of a velocity, below which its frictio
 _DELAYS = 1e-3 * np.arange(5.0, 65.0, 5.0)  # s
 _NEAR = 1e-3 * np.arange(-4.0, 5.0)  # s
 _SIGNS = {  # of angles 1 and 2 and torques 1 and 2; all four together mirror the arm
-    (1, 1, -1, -1): "both torques have the other sign",
-    (1, 1, -1, 1): "torque 1 has the other sign",
-    (1, 1, 1, -1): "torque 2 has the other sign",
-    (-1, 1, 1, 1): "angle 1 has the other sign",
-    (1, -1, 1, 1): "angle 2 has the other sign",
-    (-1, 1, -1, 1): "joint 1 turns the other way than joint 2",
-    (1, -1, -1, 1): "angle 2 and torque 1 have the other sign",
+    (1, 1, -1, -1): "both torques have the opposite sign",
+    (1, 1, -1, 1): "torque 1 has the opposite sign",
+    (1, 1, 1, -1): "torque 2 has the opposite sign",
+    (-1, 1, 1, 1): "angle 1 has the opposite sign",
+    (1, -1, 1, 1): "angle 2 has the opposite sign",
+    (-1, 1, -1, 1): "joint 1 turns in the opposite direction to joint 2",
+    (1, -1, -1, 1): "angle 2 and torque 1 have the opposite sign",
 }
 
 
@@ -103,8 +103,8 @@ class Diagnosis:
         """Return the likely reading with both misfits, and its rivals."""
         others = "; ".join(f"{' and '.join(one.words) or 'as it is'} ({misfit:.2g})" for one, misfit in self.rivals)
         return (
-            f"{' and '.join(self.reading.words)}: read so, the misfit of a rigid arm falls from {self.misfit:.2g} to "
-            f"{self.after:.2g}" + f"; nearly as well fits: {others}" * bool(others)
+            f"{' and '.join(self.reading.words)}; with this reading, the misfit of a rigid arm falls from "
+            f"{self.misfit:.2g} to {self.after:.2g}" + f"; other readings fit nearly as well: {others}" * bool(others)
         )
 
 
@@ -142,7 +142,7 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
     """Yield the log as it is, then readings with one or two changes; without `several`, none of the torque's scale."""
-    one, degree, already = (1.0, 1.0), math.pi / 180.0, "look like those of the joint's side already, without --gear"
+    one, degree, already = (1.0, 1.0), math.pi / 180.0, "look like those of the joint's side even without --gear"
     units = [("", one, one), ("the angles look like degrees", (degree, degree), one)]
     if not any(abs(ratio / math.tau - 1.0) < _ALIKE for ratio in gear):
         units.append(("the angles look like turns", (math.tau, math.tau), one))
@@ -159,7 +159,7 @@ def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
     ):
         words = (
             unit[0],
-            "angle 2 looks like that against the vertical, not against link 1" * absolute,
+            "angle 2 looks measured against the vertical, not against link 1" * absolute,
             signs[sign],
             f"the zero of joint 1 looks {math.degrees(-zero1):+.0f} degrees off" * bool(zero1),
             f"the zero of joint 2 looks {math.degrees(-zero2):+.0f} degrees off" * bool(zero2),

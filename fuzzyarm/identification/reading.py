@@ -177,7 +177,7 @@ def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
     if not is_given:
         roles["time"] = next((k for k in every if "stamp" in words[k]), roles["time"])
         table.remarks.append(
-            f"its time is column {shown(table.names[roles['time']])}; --columns time=NAME chooses another"
+            f"its time is column {shown(table.names[roles['time']])}; to choose another, give --columns time=NAME"
         )
     for other in every:
         apart = np.nan_to_num(np.abs(table.values[:, other] - table.values[:, roles["time"]])).max(initial=0.0)
@@ -238,11 +238,11 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
     short = unit_of(text)
     if short not in known:
         raise ValueError(
-            f"unknown unit {shown(text)} for {kind}; use --units {kind}=UNIT, with one of {', '.join(known)}, or "
-            "with the size of the unit in SI units" + ", for A the torque constant: tau=0.12" * (kind == "tau")
+            f"unknown unit {shown(text)} for {kind}; give --units {kind}=UNIT, where UNIT is one of {', '.join(known)} "
+            "or the unit's size in SI units" + ", such as the torque constant for A: tau=0.12" * (kind == "tau")
         )
     if kind not in given and known[short] != 1.0:
-        table.remarks.append(f"{kind} is in {text} by the heading")
+        table.remarks.append(f"{kind} is in {text}, according to the heading")
     return known[short]
 
 
@@ -254,7 +254,7 @@ def _pieces(
     whole = np.isfinite(values).all(axis=1)
     for place in roles.values():
         if not np.isfinite(table.values[:, place]).any():
-            text = f", as in {shown(table.texts[place])}" if place in table.texts else ""
+            text = f", but text such as {shown(table.texts[place])}" if place in table.texts else ""
             raise ValueError(
                 f"column {shown(table.names[place])} contains no numbers{text}; choose another column with --columns"
             )
@@ -271,14 +271,15 @@ def _pieces(
             "numbers without thousands separators and without words, or leave these rows out"
         )
     if not whole.all():
-        remarks.append(f"{np.count_nonzero(~whole)} row(s) lack a number: left out")
+        remarks.append(f"{np.count_nonzero(~whole)} row(s) that lack a number are left out")
     joints = sum(role.startswith("tau") for role in roles)
     if len(gear) not in (0, 1, joints):
         raise ValueError(f"gear has {len(gear)} ratios; allowed: one, or one for each of {joints} joints")
     ratio = np.array([checks.real("gear", one, low=1.0 / _LARGEST_GEAR, high=_LARGEST_GEAR) for one in gear] or [1.0])
     for key in units:
         if key not in _UNITS and (key.startswith("time") or not 1 <= int(key.lstrip("dqtau")) <= joints):
-            raise ValueError(f"units has {shown(key)}; allowed: time, q, dq, tau, and q1, dq1, tau1 to joint {joints}")
+            allowed = f"time, q, dq, tau, or q1, dq1, tau1 and so on, up to joint {joints}"
+            raise ValueError(f"units has the unknown key {shown(key)}; allowed: {allowed}")
     part, names, size = {}, {}, {}
     for kind in _UNITS:
         named = {role: table.names[k] for role, k in roles.items() if role.startswith(kind)}
@@ -414,7 +415,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
         short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)
         remarks.append(
             f"{len(pieces) - 1} gap(s) in time of more than {1e3 * longest:.3g} ms: {len(long)} part(s) of "
-            f"{FEWEST_SAMPLES} samples or more are used, {short} sample(s) of others left out"
+            f"{FEWEST_SAMPLES} samples or more are used, and {short} sample(s) of shorter parts are left out"
         )
     return long
 
@@ -433,8 +434,8 @@ def _even(
     else:
         at = stamps[0] + period * np.arange(int((stamps[-1] - stamps[0]) / period + 1e-6) + 1)
         remarks.append(
-            f"{100.0 * np.mean(uneven):.2g} % of the steps in time differ from {1e3 * period:.4g} ms: resampled, "
-            "angles by lines between the stamps, torques as the mean of what was held"
+            f"{100.0 * np.mean(uneven):.2g} % of the time steps differ from {1e3 * period:.4g} ms: resampled, angles "
+            "by linear interpolation, torques as the mean of the held values"
         )
         lines = np.stack([np.interp(at, stamps, line) for line in lines.T], axis=1)
     return period, lines, held_mean(stamps, torque, at + delay, period)

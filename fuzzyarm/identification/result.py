@@ -161,7 +161,7 @@ def identify(
         return _of_stages(given, start, estimated(_long(given), start, stribeck, step))
     except np.linalg.LinAlgError:
         raise ValueError(
-            "the logs lead to equations without a solution; check their units, and look for numbers of another size"
+            "the equations made from the logs have no solution; check the units, and look for numbers out of range"
         ) from None
 
 
@@ -195,7 +195,7 @@ def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identif
     rows, long = _rows(stages), _long(logs)
     short = [log for log in logs if log not in long]
     said = [
-        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out, first {log.name} of {log.duration:.3g} s."
+        f"{len(short)} part(s) shorter than {_SHORTEST:g} s are left out; first: {log.name}, {log.duration:.3g} s."
         for log in short[:1]
     ]
     held = {"start": stages.start_error} | stages.errors if stages.start_error is not None else {}
@@ -312,20 +312,20 @@ def _remarks(stages: Stages, logs: int) -> list[str]:
     if stages.untold:
         found.append(
             f"The logs do not determine {', '.join(stages.untold)}: the values of the starting arm are kept. Move both "
-            "joints to and fro, faster and further, as the motion of --suggest does."
+            "joints to and fro, faster and further, as in the motion that --suggest writes."
         )
     if logs == 1:
-        found.append("One log does not show how the values differ between logs: there are no intervals.")
+        found.append("One log does not show how the values differ between logs, so there are no intervals.")
     if stages.interrupted:
         found.append("Interrupted: later stages and some held-out errors are missing.")
     elif not stages.is_elastic:
         found.append(
             "Stiffness, damping and the split of inertia 1 between rotor and link are not determined: springs do not "
-            "lower the held-out error. The ranges are part of the file; give the rotor of the data sheet to narrow "
-            "them."
+            "lower the held-out error. The file contains their ranges; give the rotor inertia of the data sheet to "
+            "narrow them."
         )
     if "Stribeck" in stages.errors and not any("static" in name for name in stages.found.search.names):  # type: ignore[union-attr]
-        found.append("Friction that is larger at rest does not lower the held-out error: it is not determined.")
+        found.append("Friction that is larger at rest does not lower the held-out error, so it is not determined.")
     return found
 
 

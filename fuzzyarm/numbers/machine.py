@@ -175,7 +175,7 @@ class Kernel:
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(
-                    f"table {table} has shape {array.shape}; needed: contiguous float64 rows of {shape[1:]}"
+                    f"table {table} has shape {array.shape}; needed: contiguous float64 rows of shape {shape[1:]}"
                 )
         lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
         return _Known(arrays, constants, tables, arms, lengths, self.code(arms))
@@ -233,7 +233,7 @@ def _machine_code(text: str, width: int) -> _Code:
     path = _folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.o"
     binary = _stored(path)
     if binary is None:
-        with announced("FuzzyArm: compiling the arm (seconds; at once when it is on disk) ...", after=_LASTING):
+        with announced("FuzzyArm: compiling the arm (takes seconds; the result is kept on disk) ...", after=_LASTING):
             module = llvm.parse_assembly(text)
             options = llvm.create_pipeline_tuning_options(speed_level=level)
             options.slp_vectorization = options.loop_vectorization = width == 1

@@ -133,7 +133,7 @@ class Program:
         """Return the symbol of an operation; record the operation unless its result is already available."""
         if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
             if operation not in _OF_WORDS:
-                raise TypeError(f"the operation {operation!r} is not available for words")
+                raise TypeError(f"the operation {operation!r} is not available for 64-bit words")
             operands = tuple(one if isinstance(one, Symbol) else Word(one) for one in operands)
             kind = "real" if operation in ("number", "bits") else "word"
         elif operation in _ARITHMETIC:

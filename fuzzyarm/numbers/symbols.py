@@ -77,7 +77,7 @@ for _name, _operation in {
     setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="truth"))
 _FUNCTIONS = {"rint": "nearest whole number, the even one of two", "sqrt": "square root", "log": "natural logarithm"}
 for _name, _result in _FUNCTIONS.items():
-    setattr(Symbol, _name, _recorded(_name, text=f"Return the {_result}; `numpy.{_name}` asks for it."))
+    setattr(Symbol, _name, _recorded(_name, text=f"Return the {_result}; `numpy.{_name}` calls this."))
 
 
 class Index:
@@ -146,7 +146,7 @@ class Array:
     def __setitem__(self, key: Any, value: Any) -> None:
         first, shape, _ = self._place(key)
         if shape or self.memory.startswith("table"):
-            raise TypeError("only single numbers can be assigned to an array, and none to a table")
+            raise TypeError("an array accepts only single numbers, and a table cannot be changed")
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:

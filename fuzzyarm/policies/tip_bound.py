@@ -201,11 +201,11 @@ class TipBound(_Lap):
         small = 1e-3 * self.largest
         parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in found["spent"].items() if x > small)
         laps = [f"lap {n} {at_most(1e3 * x, 4)}" for n, x in enumerate(found["laps"], 1)]
-        within = f"\n  at most, in mm: {', '.join(laps)} and all later ones" if self.later else ""
+        within = f"\n  at most, in mm: {', '.join(laps)} and all later laps" if self.later else ""
         return (
             f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for set {found['set']} "
             f"({arm_in_words(self.arm)})\n  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s{within}\n"
-            f"  largest sample at t = {PERIOD * found['sample']:.3f} s; made of, in mm: {parts}"
+            f"  largest error of a sample, at t = {PERIOD * found['sample']:.3f} s; its parts, in mm: {parts}"
         )
 
 

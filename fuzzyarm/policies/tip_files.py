@@ -356,9 +356,9 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
         bound = max(bound, found.largest)
         again = [np.stack([lap.tip, lap.whole]) for lap in found.all_laps]
         if any(a.shape != b.shape or not (a <= b).all() for a, b in zip(again, bounds, strict=True)):
-            reason = "a bound of the tip is larger than the file says"
+            reason = "a bound on the tip error is larger than the file says"
         elif not document.bound * _ROUNDING >= found.largest:
-            reason = f"the tip may err by {at_most(1e3 * found.largest, 4)} mm"
+            reason = f"the tip error may reach {at_most(1e3 * found.largest, 4)} mm"
     except NoBound as error:
         reason = str(error)
     except IndexError:
@@ -377,7 +377,7 @@ def _check_cells(path: Path, content: Any) -> BoundCheck:
         document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
         claim = document.claim(document.samples)
         if not document.cells or any(Path(name).name != name for name in document.cells):
-            raise ValueError("cells must list at least one file name, without a folder; the files lie beside this one")
+            raise ValueError("cells must list one or more file names, without a folder; they must be beside this file")
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     begin = time.perf_counter()
@@ -399,8 +399,8 @@ def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
         if not cell.proven:
             return f"{cell.path.name}: {cell.reason}"
         if whole != claim or cell.arm != found[0].arm:
-            return f"{cell.path.name} states another claim than this file, or is for another arm"
+            return f"{cell.path.name} has a different claim from this file, or is for another arm"
         if cell.bound > bound * _ROUNDING:
-            return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
+            return f"{cell.path.name}: the tip error may reach {at_most(1e3 * cell.bound, 4)} mm"
     hole = claim.plants.hole([cell.claim.plants for cell in found])
-    return "" if hole is None else f"no cell holds {hole.in_words(claim.plants)}"
+    return "" if hole is None else f"no cell covers {hole.in_words(claim.plants)}"

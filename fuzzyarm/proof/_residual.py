@@ -147,7 +147,7 @@ class _Bound:
             [math.factorial(order) * angle[order] / self.duration**order for angle in angles] for order in range(_ORDER)
         ]
         if not all(value.is_finite() for row in result for value in row):
-            raise ValueError("cannot enclose the motion: the interval of time is too long")
+            raise ValueError("cannot enclose the motion: the time interval is too long")
         return result
 
 
@@ -178,7 +178,7 @@ def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_si
     across, along = across * cos - along * sin, along * cos + across * sin
     q1 = arb(turn) + (across / along).atan()
     if not (along[0] > 0 and abs(q1[0]) <= arb.pi()):
-        raise ValueError("cannot enclose q1: the interval of time is too long, or q1 may cross ±π")
+        raise ValueError("cannot enclose q1: the time interval is too long, or q1 may cross ±π")
     return [q1, q2]
 
 

@@ -26,8 +26,8 @@ NOT_COVERED = (
 )
 _ERROR = "the tracking error x = (e, de/dt, integral of e if it is fed back) in rad and s"
 _OF_THE_TIP = (
-    " Of the tip of the elastic, sampled arm a bound can be proven along one motion and for a set of plants: fuzzyarm "
-    "prove."
+    " For the tip of the elastic, sampled arm, fuzzyarm prove can prove a bound along one motion and for a set of "
+    "plants."
 )
 
 
@@ -161,4 +161,4 @@ def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
     """Return a statement of the decay of x, from α [1/s] and the bounds c² of `largest_growth` for x and e alone."""
     c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
     words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"
-    return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| where at first only e is not zero" * (len(c) > 1)
+    return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| if only e is nonzero initially" * (len(c) > 1)

@@ -92,14 +92,14 @@ def _largest(bounds: Bounds) -> tuple[float, float]:
 def _of_consistent(controller: Controller, circle: JointReference) -> InvariantSet:
     motion, residual = largest_motion(circle), feedforward_residual(controller.model, circle).bound
     if motion is None or residual is None:
-        return _none("the paper's circle of this arm is not bounded between the instants")
+        return _none("for this arm, no bounds between the sampled instants are known along the paper's circle")
     # Above the norm by far more than the rounding of its computation.
     missed = at_most(float(np.hypot(*residual)) * (1.0 + 1e-12), 3)
     bounds = _bounds(controller, motion)._replace(residual=stated(float(missed)))
     level, d = _largest(bounds)
     if level == 0.0:
         return _none(
-            f"beside the paper's circle the box has room for |w| <= {at_most(d * 1.01, 2)} N m, of which the "
+            f"along the paper's circle, the box has room for |w| <= {at_most(d * 1.01, 2)} N m, of which the "
             f"feedforward residual may take {missed} N m"
         )
     apart = f" beside the feedforward residual of at most {missed} N m" if residual.any() else ""
@@ -112,9 +112,9 @@ def _of_paper(controller: Controller, circle: JointReference) -> InvariantSet:
     r = np.hstack(circle.sample(np.linspace(0.0, circle.duration, CHECKED_INSTANTS)))
     attained = float(np.linalg.norm(r, axis=1).max()) * (1.0 - 1e-9)
     if attained < W:
-        return _none("V of the paper's form is about the reference model, too, whose state has no bound here")
+        return _none("in the paper's form, V includes the state of the reference model, which has no bound here")
     return _none(
-        f"in the box and with gamma = {at_most(controller.gamma, 3)} it would take |w| <= {at_most(W * 1.01, 2)}, but "
+        f"with gamma = {at_most(controller.gamma, 3)}, staying in the box takes |w| <= {at_most(W * 1.01, 2)}, but "
         f"w = (d, r), and the reference alone reaches |r| = {at_least(attained, 3)} along the paper's circle (SI units)"
     )
 
@@ -145,10 +145,10 @@ def _found(level: float, d: float, steepest: float, where: str, V: str, apart: s
     """Return a set in words, for V <= steepest |e|² where only e is not zero."""
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
-        f"From a set of starts it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
-        f"instant{apart}: V = {V} never rises above {at_least(level, _DIGITS)} (SI units) from a start at or below it, "
-        f"and this ellipsoid lies in the box. It holds every start at |e| <= {at_least(start, 3)} rad where only e is "
-        "not zero."
+        f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
+        f"instant{apart}: V = {V} never rises above {at_least(level, _DIGITS)} (SI units) if it is initially at or "
+        f"below it, and this ellipsoid lies in the box. It contains every state with |e| <= {at_least(start, 3)} rad "
+        "in which only e is nonzero."
     )
     return InvariantSet(level, d, start, words)
 

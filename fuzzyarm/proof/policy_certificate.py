@@ -82,15 +82,15 @@ def _along_the_tip(reference: Reference) -> tuple[ElasticReference | None, str]:
     try:
         elastic = ElasticReference(reference)
     except ValueError as error:
-        return None, f"Told to bring the tip to this reference it has no certificate: {error}."
+        return None, f"With the tip as its target, it has no certificate along this reference: {error}."
     t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
     known = np.abs(elastic.torque(t) - elastic.links_torque(elastic.sample(t))).max(axis=0)
     return elastic, (
-        "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
-        "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
+        "With the tip as its target, it tracks theta_d = q_d + delta, where the motors must be for the bent joints to "
+        "put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
         "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "
         "then also holds what the feedforward adds for the elastic joints, and friction only as far as the feedforward "
         f"misses it. Sampled at {CHECKED_INSTANTS} instants of this reference and not bounded between them, what it "
         f"adds reaches ({', '.join(at_most(torque, 2) for torque in known)}) N m, and theta_d takes "
-        f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is no part of it."
+        f"{math.ceil(100.0 * elastic.box_use)} % of the box. The certificate does not say that the tip then follows."
     )

@@ -86,7 +86,7 @@ def check(path: Path) -> SecondCheck:
         claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
         unknown = claim.unknown()
     except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise ValueError(f"{path}: it is not a file of fuzzyarm prove: {error!r}") from None
+        raise ValueError(f"{path} is not a file that fuzzyarm prove wrote: {error!r}") from None
     verdict, reason, place, most = ("NOT CHECKED" if unknown else "PROVEN"), unknown, 0, 0.0
     try:
         with ctx.workprec(_BITS):
@@ -96,7 +96,7 @@ def check(path: Path) -> SecondCheck:
                 found = tube.step(place)
                 for one, other in zip(found, stated, strict=True):
                     if not one <= _LOOSER * min(other + _GRAIN, claim.bound):
-                        raise _Refused(f"the tip error may reach {1e3 * one:.4g} mm, not {1e3 * other:.4g} mm")
+                        raise _Refused(f"the tip error may reach {1e3 * one:.4g} mm; the file says {1e3 * other:.4g}")
                 most = max(most, *found[not claim.whole :])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         lap = f" of lap {place // claim.count + 1}" if claim.ever else ""
@@ -121,12 +121,12 @@ class _Claim:
 
     def unknown(self) -> str:
         """Return what of the claim this checker does not know; empty if it knows all of it."""
-        odd = [] if self.law in _LAWS else [f"the law {self.law!r}, only {' and '.join(_LAWS)}"]
+        odd = [] if self.law in _LAWS else [f"the law {self.law!r} (only {', '.join(_LAWS)})"]
         odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
         odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value not in _KNOWN[name]]
         odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
-        odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["a duration of broken periods"]
-        return f"it does not know {', '.join(odd)}" if odd else ""
+        odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["durations in fractions of 1 ms"]
+        return f"it does not cover {', '.join(odd)}" if odd else ""
 
     def words(self) -> str:
         """Return law, set and motion in words; the label of the file is not used."""
@@ -564,7 +564,7 @@ class _Tube:
         least = claim.count if claim.ever else 1
         fits = [least <= a == c <= claim.count and b == a * _SCHEMAS.index(claim.schema) for a, b, c in claim.sizes]
         if claim.ever != (len(fits) > 1) or not all(fits):
-            raise _Refused(f"(tip, whole, steps) of its laps are {claim.sizes}: not equal, {least} to {claim.count}")
+            raise _Refused(f"tip, whole, steps have {claim.sizes} entries; needed: equal, {least} to {claim.count}")
         q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
         hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
         start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
@@ -714,7 +714,7 @@ class _Tube:
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(f"row {row + 1} leaves the tube: {reached[row]:.4g} is above its radius {radii[row]:.4g}")
+            raise _Refused(f"row {row + 1} may reach {reached[row]:.4g}, beyond the tube's radius {radii[row]:.4g}")
         linear_part[2](w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":

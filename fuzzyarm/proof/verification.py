@@ -64,8 +64,8 @@ class Verification:
         if isinstance(c, ScheduledController):
             claims, what = every, "claims proven"
             how = (
-                ": the inequalities of the loop in exact rational arithmetic, the bounds of the inertia on covers of "
-                "boxes, in floating point with a bound of all rounding errors and again in balls with outward rounding"
+                ": the inequalities of the loop in exact rational arithmetic, the bounds on the inertia on covers of "
+                "boxes, in floating point with a bound on all rounding errors and again in balls with outward rounding"
             )
             about = (
                 f"semidefinite form, {escaped(c.robot.name)} of {len(c.robot)} joints (digest {c.robot.digest[:12]}), "

@@ -77,7 +77,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     line, _, data = content.partition(b"\n")
     schema, _, digest = line.partition(b" ")
     if schema != _SCHEMA:
-        raise CheckpointError(f"{path} is no checkpoint of this version ({_SCHEMA.decode()}); start the training again")
+        raise CheckpointError(f"{path} is not a checkpoint of this version ({_SCHEMA.decode()}); start training again")
     if hashlib.sha256(data).hexdigest().encode() != digest:
         raise CheckpointError(f"{path} is damaged (its sha256 differs); start the training again")
     try:
@@ -89,10 +89,10 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a crafted archive or pickle may raise anything
         reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
-            f"{path} holds something other than tensors, numbers and text: {reason}; start the training again"
+            f"{path} contains something other than tensors, numbers and text: {reason}; start the training again"
         ) from None
     if not isinstance(loaded, dict):
-        raise CheckpointError(f"{path} does not hold a mapping of names to values; start the training again")
+        raise CheckpointError(f"{path} does not contain a mapping of names to values; start the training again")
     return loaded
 
 
@@ -116,7 +116,7 @@ def check_like(name: str, found: Any, own: Any) -> None:
     else:
         kinds = float | int if isinstance(own, float) else type(own)
         if not isinstance(found, kinds) or isinstance(found, bool) != isinstance(own, bool):
-            raise ValueError(f"{name} = {shown(found)} has a different type from {shown(own)} in this training")
+            raise ValueError(f"{name} = {shown(found)} has a different type from {shown(own)} in this run")
 
 
 def check_finite(name: str, found: Any) -> None:
@@ -126,9 +126,9 @@ def check_finite(name: str, found: Any) -> None:
             check_finite(name, value)
     elif isinstance(found, torch.Tensor):
         if found.is_floating_point() and not bool((found.abs() <= _LARGEST_NUMBER).all()):
-            raise ValueError(f"{name} holds a tensor that is not finite, or numbers beyond {_LARGEST_NUMBER:g}")
+            raise ValueError(f"{name} contains a tensor that is not finite, or numbers beyond {_LARGEST_NUMBER:g}")
     elif isinstance(found, float) and not abs(found) <= _LARGEST_NUMBER:
-        raise ValueError(f"{name} holds the number {found}; allowed: numbers within ±{_LARGEST_NUMBER:g}")
+        raise ValueError(f"{name} contains the number {found}; allowed: numbers within ±{_LARGEST_NUMBER:g}")
 
 
 def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
@@ -136,7 +136,7 @@ def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tup
     rows, best = instance("rows", found["rows"], list), found["best"]
     for row in rows:
         if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
-            raise ValueError(f"rows holds {shown(row)}; needed: numbers by name")
+            raise ValueError(f"rows contains {shown(row)}; needed: a mapping of names to numbers")
     if not is_real(best) or math.isnan(best):
         raise ValueError(f"best = {shown(best)} must be a real number")
     wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
@@ -222,7 +222,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         real("learner.optimizer.lr", group["lr"], low=0.0)
         changed = [name for name, value in own.items() if name != "lr" and group[name] != value]
         if changed:
-            raise ValueError(f"learner.optimizer differs from that of this training in {', '.join(changed)}")
+            raise ValueError(f"learner.optimizer differs from that of this training run in {', '.join(changed)}")
     for place, moments in instance("learner.optimizer.state", found["optimizer"]["state"], dict).items():
         parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)].detach()
         name = f"learner.optimizer.state.{place}"
@@ -232,7 +232,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         whole(f"learner.counters.{name}", found["counters"][name], high=2**62)
     for episode in found["episodes"]:
         if set(instance("an episode", episode, dict)) != {"r", "l", "tip_error"}:
-            raise ValueError(f"learner.episodes holds {shown(episode)}; needed: r, l and tip_error")
+            raise ValueError(f"learner.episodes contains {shown(episode)}; needed: r, l and tip_error")
         real("return of an episode", episode["r"])
         real("tip error of an episode", episode["tip_error"], low=0.0)
         whole("length of an episode", episode["l"])

@@ -28,17 +28,17 @@ class TrainingConfig:
     """
 
     distribution: _Distribution = "robust"
-    """What episodes draw: robust is what FuzzyArmLearn-v0 draws, plant, payload, force, start and reference; nominal is
-    Case 1 on the paper's circle, or a robot's default path."""
+    """What each episode draws: robust draws plant, payload, force, initial state and reference, like FuzzyArmLearn-v0;
+    nominal is Case 1 on the paper's circle, or a robot's default path."""
     base: str = "none"
-    """Policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques."""
+    """Policy whose target the action shifts, such as fuzzy-4-tip; with none, actions are torques."""
     robot: str | None = None
     """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
     scale: tuple[float, ...] = (500.0, 250.0)
-    """Largest action of each motor: torques [N m], or with a base angles [rad], of 0.5 at most. On the
-    command line, a robot with more joints has its torque limits, or 0.01 rad."""
+    """Largest action of each motor: a torque [N m], or with a base an angle [rad] of at most 0.5. On the command line,
+    the default for a robot with more joints is its torque limits, or 0.01 rad."""
     action_period: float = 0.002
-    """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
+    """Time for which an action is held [s], at most 0.1; it is the control period in training."""
     smoothing_time: float = 0.0
     """Time constant of the low-pass filter on actions [s]; 0: no filter."""
     past_errors: int = 0
@@ -48,12 +48,12 @@ class TrainingConfig:
     integral_time: float = 0.0
     """Time constant of the leaky integral of the error [s]; 0: no integral."""
     elastic_target: bool = False
-    """Count errors from the angles at which the motors of the unloaded arm belong, and add past excess torques to the
-    features."""
+    """Measure errors from the angles at which the motors of the unloaded arm should be, and add past excess torques to
+    the features."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of the network (1 to 1024 each)."""
     total_timesteps: int = 300_000
-    """Environment steps of the training, of all lanes together."""
+    """Environment steps of the training run, over all lanes together."""
     lanes: int = 64
     """Number of arms that are simulated at once (1 to 65536)."""
     seed: int = 0
@@ -126,19 +126,19 @@ class EstimateConfig:
     modulation: int = 16
     """Numbers by which the context weighs them (1 to 512)."""
     chunks: int = 200
-    """Chunks of experience, each of which is learned from before the next."""
+    """Number of chunks of experience; the network learns from each before the next."""
     lanes: int = 160
     """Number of arms that are simulated at once (1 to 65536)."""
     steps: int = 100
-    """Control periods of a chunk, a multiple of 50."""
+    """Control periods in a chunk, a multiple of 50."""
     window: int = 100
-    """Control periods of a sequence that is learned from, a multiple of 50, at most those of a chunk."""
+    """Control periods in a sequence for learning, a multiple of 50, at most as many as in a chunk."""
     updates: int = 10
     """Gradient steps after each chunk."""
     replay: int = 8
-    """Number of latest chunks that are learned from."""
+    """Number of latest chunks that the network learns from."""
     learning_rate: float = 3e-3
-    """Learning rate of Adam at the beginning; it falls to 1e-5 as a cosine."""
+    """Learning rate of Adam at the beginning; it then falls to 1e-5 along a cosine."""
     redraw: int = 6
     """Chunks after which plants, loads and courses are drawn again."""
 

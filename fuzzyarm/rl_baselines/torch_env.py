@@ -328,7 +328,7 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
 @contextlib.contextmanager
 def _announced_compilation() -> Iterator[None]:
     """Print on a terminal what the enclosed call does, if it takes more than a second."""
-    message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of it once torch has it on disk) ..."
+    message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of that if torch finds it on disk) ..."
     with announced(message), warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
         warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
         yield

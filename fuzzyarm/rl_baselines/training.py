@@ -112,15 +112,15 @@ class Training:
                 f"{folder / CHECKPOINT} was written by another version of fuzzyarm: {error}; start again"
             ) from None
         if type(begun) is not type(config):
-            raise CheckpointError(f"{folder} holds a training run with {found['algorithm']}; choose another folder")
+            raise CheckpointError(f"{folder} contains a training run with {found['algorithm']}; choose another folder")
         was, now = begun.to_dict(), config.to_dict()
         free = ("total_timesteps", "checkpoint_interval")  # on which what is learned does not depend
         other = [name for name in {**was, **now} if name not in free and was.get(name) != now.get(name)]
         if other:
             name = other[0]
             raise CheckpointError(
-                f"{folder} holds a training run with {name} = {shown(was.get(name))}, not {shown(now.get(name))}: give "
-                "the options with which it began, or choose another folder"
+                f"{folder} contains a training run with {name} = {shown(was.get(name))}, not {shown(now.get(name))}: "
+                "give the options with which it began, or choose another folder"
             )
         if config.total_timesteps < done:
             raise ValueError(
@@ -130,7 +130,7 @@ class Training:
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
             raise CheckpointError(
-                f"{folder} holds a training run for a different arm: {config.robot} has changed since. Restore the "
+                f"{folder} contains a training run for a different arm: {config.robot} has changed since. Restore the "
                 "arm's file, or start again in another folder"
             )
         try:
@@ -143,7 +143,7 @@ class Training:
         except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training ({reason}); start the training again"
+                f"the checkpoint does not fit this training run ({reason}); start the training again"
             ) from None
         return training
 

@@ -120,7 +120,7 @@ def _proven(
     try:
         controller = to_controller(model, specification, point, objective, package)
     except (ControllerFileError, np.linalg.LinAlgError) as error:
-        message = f"the point of the solver ({point.status}) is not a controller: {error}"
+        message = f"the point of the solver ({point.status}) gives no controller: {error}"
         raise DesignFailed(message, problem, point) from error
     certificate = certify(controller)
     if certificate.proven:

@@ -110,7 +110,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     if premises is None:
         if specification.rules > 2 ** (n - 1):
             raise DesignFailed(
-                f"{robot.name} has {n} joints, which allow at most {2 ** (n - 1)} rules: ask for fewer rules"
+                f"{robot.name} has {n} joints, which allow at most {2 ** (n - 1)} rules: choose fewer rules"
             )
         premises = ()
         while 2 ** len(premises) < specification.rules:
@@ -118,8 +118,8 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     for premise in premises:
         if premise.joint >= n:
             raise DesignFailed(
-                f"the premise {premise.name} is of joint {premise.joint + 1}, but {robot.name} has {n} joints; choose "
-                f"premises of the joints 2 to {n}"
+                f"the premise {premise.name} belongs to joint {premise.joint + 1}, but {robot.name} has {n} joints; "
+                f"choose premises of the joints 2 to {n}"
             )
     metric = fitted_metric(robot, premises, alpha=alpha, count=_SAMPLES)
     searched = time.perf_counter() - begin
@@ -191,14 +191,14 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
     if specification.gamma is not None:
         found = feedback_for_gamma(kappa, rate, specification.gamma * floor)
         if found is None:
-            raise DesignFailed(f"no feedback reaches gamma = {specification.gamma:g} rad/(N m): ask for a larger gamma")
+            raise DesignFailed(f"no feedback reaches gamma = {specification.gamma:g} rad/(N m): choose a larger gamma")
         return found
     pole = _POLE_FACTOR * lowest if specification.fastest_pole is None else specification.fastest_pole
     found = best_feedback(kappa, rate, pole)
     if found is None:
         raise DesignFailed(
             f"no feedback has a fastest pole of {pole:.6g} 1/s; it must be above (3 kappa - 2)(alpha + mu) = "
-            f"{lowest:.6g} 1/s, with kappa = {kappa:g} and alpha + mu = {rate:.6g} 1/s: raise it, lower alpha, or keep "
+            f"{lowest:.6g} 1/s, with kappa = {kappa:g} and alpha + mu = {rate:.6g} 1/s: raise it, lower alpha, or use "
             "more rules"
         )
     return found

@@ -177,20 +177,19 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         elif rules > _MOST_SEARCHED:
             raised = [f"raise {name} above {value:g}" for name, value in limits.items()]
             ways = " or ".join([f"lower alpha below {alpha:g}", *raised, "keep fewer premises"])
-            return f"{head}; each of the model's vertices alone may allow this, all together do not: {ways}"
+            return f"{head}; each vertex of the model alone may allow this, but all together do not: {ways}"
 
     def relaxed(name: str) -> str:
         value = _nearest_feasible(specification, arm, name, vertex)
         words, end, form, unit = _LIMITS[name][:4]
-        what = f"{words} would have to give: the {end} that {works} is about"
-        return "" if value is None else f"{what} {value:{form}}{unit}"
+        return "" if value is None else f"relax {words} to about {value:{form}}{unit}, the {end} that {works}"
 
     usual = gamma_for(arm, alpha) if s.form == "consistent" else 0.0
     strict = s.gamma is not None and s.gamma < _STRICT * usual
     if text := relaxed("fastest_pole"):
         return f"{head}; {text}"
     if strict and (text := relaxed("gamma")):
-        return f"{head}; {text}; by this arm's inertia {usual:.2g} is usual"
+        return f"{head}; {text}; for this arm's inertia, {usual:.2g} is usual"
     if text := relaxed("alpha"):
         return f"{head}; {text}{_in_the_way(specification, arm, vertex)}"
     text = relaxed("gain_bound") or relaxed("gamma") or _with_more_rules(s, arm) or f"raise {' or '.join(limits)}"
@@ -203,7 +202,7 @@ def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
     wanted = dataclasses.replace(specification, kept=kept)
     if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):
         return ""
-    return f"too few premises are kept for this arm: with {', '.join(kept)} kept it works"
+    return f"keep more premises; it works with {', '.join(kept)}"
 
 
 def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:
@@ -217,5 +216,5 @@ def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | 
     }
     for words, numbers in changed.items():
         if not isinstance(best_point(specification, dataclasses.replace(arm, **numbers), vertex), NoPoint):
-            return f"; or, of the arm, {words} would do"
+            return f"; or change the arm: {words} would be enough"
     return ""

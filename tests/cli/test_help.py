@@ -33,7 +33,7 @@ MISTAKES = [
     ("evaluate --encoder-noise 1e-5", "--encoder-noise 1e-5", "needs 2 values"),
     ("evaluate --json=maybe", "--json maybe", "must be yes or no"),
     ("evaluate --policy", "--policy", "needs a value; see fuzzyarm evaluate --help"),
-    ("evaluate now", "now", "belongs to no option; see fuzzyarm evaluate --help"),
+    ("evaluate now", "unexpected argument now; see fuzzyarm evaluate --help"),
     ("evaluate --policy nobody", "choose from: fuzzy-32, fuzzy-16"),
     ("evaluate --policy missing.json", "missing.json"),
     ("evaluate --policy fuzzy-4 --robot arm.toml", "designed for another robot (mass differ)"),
@@ -77,7 +77,7 @@ MISTAKES = [
     ("linearise --out x", "NAME|FILE is missing"),
     ("robot missing.urdf --tip t", "missing.urdf"),
     ("robot arm.toml", "must be a file ending in .urdf or .xml"),
-    ("robot m.urdf --tip 1,2", "--tip 1,2 must be a name, or three numbers"),
+    ("robot m.urdf --tip 1,2", "--tip 1,2 must be a name or three numbers"),
     ("robot m.urdf --set stiffness", "--set stiffness must be KEY=VALUE"),
     ("robot m.urdf --set mass=3", "keys: motor_inertia, stiffness"),
     ("robot m.urdf --set angle_range=3", "angle_range must be two numbers"),
@@ -90,8 +90,8 @@ MISTAKES = [
     ("sweep --grid mass 0.9 1.1 3", "two different quantities"),
     ("sweep --grid mass 1 2 2.5 --grid delay 0 1 2", "--grid 2.5 must be a whole number"),
     ("sweep --backend dask", "choose from: local, ray"),
-    ("sweep --resume --out new", "holds no sweep to resume"),
-    ("sweep --replay fuzzy-4 nominal 0 --out new", "holds no sweep to resume"),
+    ("sweep --resume --out new", "contains no sweep to resume"),
+    ("sweep --replay fuzzy-4 nominal 0 --out new", "contains no sweep to resume"),
     ("sweep --policy ppo-nominal --robot arm.toml", "works only on it"),
     ("export java fuzzy-4 --out new", "java is not an export language; choose from: c"),
     ("export c fuzzy-4", "--out is missing"),
@@ -106,7 +106,7 @@ MISTAKES = [
     ("show ppo-robust", "LearnedPolicy has no sheet of equations and matrices; available for"),
     ("show fuzzy-4 --robot ur5", "was designed for the two-joint arm"),
     ("report none", "is not a folder; make an evaluation with fuzzyarm evaluate"),
-    ("report folder.json", "holds no results.json; make an evaluation with fuzzyarm evaluate"),
+    ("report folder.json", "contains no results.json; make an evaluation with fuzzyarm evaluate"),
     ("leaderboard folder.json", "results.json does not exist"),
 ]
 
@@ -249,7 +249,7 @@ def test_certificates_are_a_line_each():
     assert certificate_lines({"a": "For ...", "b": "void", "c": None}, numbers) == [
         "a: rigid arm, alpha = 19.9 1/s, gamma = 0.000141, proven; fuzzyarm show a",
         "b: its certificate is void along this path; see fuzzyarm show b",
-        "nothing proven of the rigid arm: c",
+        "nothing proven for the rigid arm: c",
     ]
 
 

@@ -88,7 +88,7 @@ BAD = {
     "no Unicode": (lambda: archive(header((), "<U1") + b"\x00\xd8\x00\x00"), "no Unicode"),
     "neither true nor false": (lambda: archive(header((), "|b1") + b"\x07"), "neither true nor false"),
     "objects": (lambda: archive(header((), "|O") + b"\x07"), "has the type object; save arrays of numbers"),
-    "an npy file": (npy, "does not end like a zip archive"),
+    "an npy file": (npy, "does not end as a zip archive must"),
     "nothing": (lambda: b"", "too short"),
     "a bomb": (lambda: archive(bytes(10**9), compression=zipfile.ZIP_DEFLATED), "does not unpack to the"),
     "a bomb that lies": (lying_size, "damaged"),

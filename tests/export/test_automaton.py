@@ -99,7 +99,7 @@ def test_starts_ranges_and_samples_are_those_of_the_claim(files):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["automaton", "fuzzy-4-tip", "--set", "any-friction"], "an automaton cannot have any friction"),
+        (["automaton", "fuzzy-4-tip", "--set", "any-friction"], "an automaton cannot model friction of any course"),
         (["automaton", "shield:fuzzy-4-tip:any:4,2"], "stands for every guest"),
         (["c", "fuzzy-4", "--set", "near"], "--set and --start are for automaton, not for c"),
         (["spaceex", "fuzzy-4"], "choose from: c, fmu, onnx, automaton"),

@@ -128,7 +128,7 @@ def test_an_export_replaces_no_other_one(first, second, more, tmp_path):
     files = export_c(first, law, tmp_path)
     before = [file.read_bytes() for file in files]
     other = load_policy(more.get("name", "fuzzy-1"))
-    with pytest.raises(ValueError, match=r"arm.*\.[hc] already exists with other content: remove it, or choose"):
+    with pytest.raises(ValueError, match=r"arm.*\.[hc] already exists with different content: remove it, or choose"):
         export_c(second, other, tmp_path, more.get("number", "double"))
     assert export_c(first, law, tmp_path) == files
     assert [file.read_bytes() for file in files] == before and len(list(tmp_path.iterdir())) == len(files)

@@ -80,7 +80,7 @@ VARIANTS = {
         for zero in (HALF, math.pi, -HALF)
     },
 }  # fmt: skip
-FEW = ("degrees", "the torques look exchanged", "50 ms late", "torque 1 has the other sign")
+FEW = ("degrees", "the torques look exchanged", "50 ms late", "torque 1 has the opposite sign")
 
 
 def gone(reading, right, wrong):
@@ -157,7 +157,10 @@ def test_the_command_says_it_and_applies_it(logs, tmp_path, capsys, monkeypatch)
     words = ["identify", *map(str, paths), "--json"]
     assert main(words) == 2
     out, err = capsys.readouterr()
-    assert out == "" and "no valid arm. But the angles look like degrees: read so, the misfit" in err.splitlines()[-1]
+    assert (
+        out == ""
+        and "no valid arm. However, the angles look like degrees; with this reading, the misfit" in err.splitlines()[-1]
+    )
     assert main([*words, "--apply"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["conventions"]["applied"] and document["conventions"]["likely"] == ["the angles look like degrees"]

@@ -164,7 +164,7 @@ def test_short_parts_are_left_out_and_said(logs, found):
     with_short = identify([short, *logs], wrong(1.2, STIFF))
     assert with_short.arm == found.arm and with_short.samples == found.samples
     assert with_short.remarks() == [
-        "1 part(s) shorter than 0.8 s are left out, first short of 0.596 s.",
+        "1 part(s) shorter than 0.8 s are left out; first: short, 0.596 s.",
         *found.remarks(),
     ]
     with pytest.raises(ValueError, match=r"but the longest one is 0.596 s; record without gaps"):
@@ -180,7 +180,7 @@ def test_an_error_as_large_as_the_motion_is_doubtful_and_equations_without_a_sol
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr("fuzzyarm.identification.result.estimated", estimated)
-    with pytest.raises(ValueError, match="equations without a solution; check their units"):
+    with pytest.raises(ValueError, match="have no solution; check the units"):
         identify(logs, STIFF)
 
 

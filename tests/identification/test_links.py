@@ -83,7 +83,7 @@ def test_friction_and_constant_torques_are_found_from_a_start_without_friction()
         assert all(row["told"] for row in pair)
         friction = pair[0]["value"] + pair[1]["value"] * (1.0 + speed)
         assert friction == pytest.approx(coulomb[k] + viscous[k] * (1.0 + speed), rel=0.05)
-    (remark,) = [remark for remark in found.remarks() if remark.startswith("Constant torques")]
+    (remark,) = [remark for remark in found.remarks() if "constant torques that were found" in remark]
     values = [float(word) for word in remark.split(": ")[1].removesuffix(" N m.").split(", ")]
     np.testing.assert_allclose(values, constant, rtol=0.1)
 

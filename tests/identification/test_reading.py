@@ -143,7 +143,7 @@ def test_arrays_and_bags_give_the_log_that_was_written(kind, tmp_path):
     assert log.period == pytest.approx(2e-3, rel=1e-6)
     np.testing.assert_allclose(log.angle, ANGLE, atol=1e-12)
     np.testing.assert_allclose(log.torque, TORQUE, atol=1e-12)
-    assert any("times of recording" in remark for remark in log.remarks) == (kind == "no stamps")
+    assert any("times at which they were recorded" in remark for remark in log.remarks) == (kind == "no stamps")
 
 
 def test_the_mean_of_a_held_torque_keeps_its_integral():
@@ -232,7 +232,7 @@ REFUSED = [
         "write one line per instant",
     ),
     ("sheet.xlsx", b"PK\x03\x04 and more", "a zip archive or a spreadsheet: unpack it, or save the sheet as CSV"),
-    ("log.csv.gz", b"\x1f\x8b and more", "it is compressed by gzip: unpack it"),
+    ("log.csv.gz", b"\x1f\x8b and more", "it is compressed with gzip: unpack it"),
     (
         "sparse.csv",
         FIVE + "\n" + "\n".join(f"{t},0.1,0.2,," if k % 2 else f"{t},,,1,2" for k, t in enumerate(TIME)),
@@ -260,7 +260,7 @@ REFUSED = [
     (
         "log.csv",
         table("time,q1 [furlong],q2 [furlong],tau1,tau2"),
-        "unknown unit furlong for q; use --units q=UNIT, with",
+        "unknown unit furlong for q; give --units q=UNIT, where UNIT is one of",
     ),
     ("log.csv", table("time,q1 [deg],q2 [rad],tau1,tau2"), "columns q1, q2 have different units"),
     ("log.csv", table(columns=[0.0 * TIME, ANGLE, TORQUE]), "its time column never increases; choose"),
@@ -270,7 +270,7 @@ REFUSED = [
         table(columns=[TIME, ANGLE * [np.nan, 1.0], TORQUE]),
         "column q1 contains no numbers; choose another column with",
     ),
-    ("log.csv", table(columns=[TIME, 1e300 * ANGLE, TORQUE]), "angle holds a number of magnitude"),
+    ("log.csv", table(columns=[TIME, 1e300 * ANGLE, TORQUE]), "angle contains a number of magnitude"),
     ("log.npy", pickled(), "'log.npy' has the type object; save arrays of numbers"),
     ("log.npz", zipped(pickled()), "has the type object; save arrays of numbers"),
     ("log.npz", b"PK\x03\x04" + bytes(100), "is damaged"),
@@ -299,7 +299,7 @@ REFUSED = [
         "\n".join(["@RELATION arm", "", "@ATTRIBUTE q1 NUMERIC", "@DATA", *ROWS[1:]]),
         "its heading @DATA has 1; write 5 names in the line above the numbers",
     ),
-    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "for A the torque constant: tau=0.12"),
+    ("log.csv", table("time,q1,q2,tau1 [A],tau2 [A]"), "such as the torque constant for A: tau=0.12"),
     (
         "log.csv",
         table(columns=[TIME, ANGLE, np.where(np.arange(COUNT)[:, np.newaxis] % 15 == 7, -9999.0, TORQUE)]),
@@ -345,9 +345,9 @@ def test_the_stamp_of_a_header_is_the_time(tmp_path):
         ({"units": {"angle": "deg"}}, "a key of units = angle is unknown; choose from: time, q, dq, tau"),
         (
             {"units": {"tau3": "Nm"}},
-            "units has tau3; allowed: time, q, dq, tau, and q1, dq1, tau1 to joint 2",
+            "units has the unknown key tau3; allowed: time, q, dq, tau, or q1, dq1, tau1 and so on, up to joint 2",
         ),
-        ({"units": {"time1": "s"}}, "units has time1"),
+        ({"units": {"time1": "s"}}, "units has the unknown key time1"),
         ({"units": {"q": 0.0}}, "unit of q = 0.0 is out of range"),
         ({"columns": {"tau1": "tau1_counts"}}, "column tau1_counts for tau1 seems to be in counts"),
         ({"gear": (1.0, 2.0, 3.0)}, "gear has 3 ratios; allowed: one, or one for each of 2 joints"),

@@ -57,12 +57,12 @@ def _shift(document):
 FORGED = {
     **{f"radius {row + 1}": (_narrow(row), f"row {row + 1} ") for row in range(0, 18, 3)},
     "another mass": (lambda d: d["plants"].update(mass=[0.9, 1.1]), "control step 1"),
-    "another friction": (lambda d: d["plants"].update(dry_friction=[0.3, 1.2]), "leaves the tube"),
+    "another friction": (lambda d: d["plants"].update(dry_friction=[0.3, 1.2]), "beyond the tube's radius"),
     "a lighter motor": (lambda d: d["plants"].update(motor_inertia=[0.7, 1.0]), "control step 1"),
     "a motor that rests": (_held, "plan 'held'"),
     "another side": (lambda d: d["steps"][AT][0].update(plans=["slip", "slip"], modes=[1, 1]), "may stop"),
-    "another centre": (_shift, "leaves the tube"),
-    "a missing step": (lambda d: d["steps"].pop(AT), "not equal, 1 to 1500"),
+    "another centre": (_shift, "beyond the tube's radius"),
+    "a missing step": (lambda d: d["steps"].pop(AT), "needed: equal, 1 to 1500"),
     "a missing end": (lambda d: (d["steps"].pop(), d["steps"].append([])), "its segments last"),
     "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip error may reach"),
     "a smaller tip": (lambda d: d["tip"].__setitem__(AT, 0.9 * d["tip"][AT]), "the tip error may reach"),
@@ -102,7 +102,7 @@ def test_what_it_does_not_know_is_named(true, tmp_path, capsys):
     assert "PROVEN by the second checker" in capsys.readouterr().out
     assert main(["verify", "--twice", str(second._CONTROLLERS / "fuzzy-1.json")]) == 2
     path.write_text("{}")
-    with pytest.raises(ValueError, match="it is not a file of fuzzyarm prove"):
+    with pytest.raises(ValueError, match="is not a file that fuzzyarm prove wrote"):
         second.check(path)
 
 

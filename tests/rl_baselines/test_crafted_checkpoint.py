@@ -140,7 +140,7 @@ def test_a_crafted_archive_is_refused(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, data = tmp_path / "checkpoint.pt", ARCHIVES[name]()
     path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
-    refused(path, "holds something other than tensors, numbers and text: .*; start the training again")
+    refused(path, "contains something other than tensors, numbers and text: .*; start the training again")
     assert not (tmp_path / "run-by-pickle").exists()
 
 
@@ -148,8 +148,8 @@ DAMAGED = {
     "gone": (lambda path: path.unlink(), "No such file or directory; there is nothing to resume here"),
     "truncated": (lambda path: os.truncate(path, 1000), "is damaged"),
     "a byte": (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?"), "is damaged"),
-    "foreign": (lambda path: path.write_bytes(b"PK"), "is no checkpoint of this version"),
-    "older": (lambda path: path.write_bytes(b"fuzzyarm-checkpoint/1 0\n"), "is no checkpoint of this version"),
+    "foreign": (lambda path: path.write_bytes(b"PK"), "is not a checkpoint of this version"),
+    "older": (lambda path: path.write_bytes(b"fuzzyarm-checkpoint/1 0\n"), "is not a checkpoint of this version"),
     "empty": (lambda path: write_checkpoint(path, {"config": {}}), "was written by another version"),
     "a list": (lambda path: write_checkpoint(path, {"config": [1]}), "was written by another version"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),

@@ -98,8 +98,8 @@ def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     ("other", "message"),
     [
         ({"total_timesteps": 512}, "total_timesteps = 512 is below the 6144 steps already done"),
-        ({"seed": 1}, "holds a training run with seed = 11, not 1: give the options with which it began"),
-        ({"preset": "robust"}, "holds a training run with base = 'fuzzy-4-tip', not 'none'"),
+        ({"seed": 1}, "contains a training run with seed = 11, not 1: give the options with which it began"),
+        ({"preset": "robust"}, "contains a training run with base = 'fuzzy-4-tip', not 'none'"),
         ({}, ""),
     ],
 )

@@ -20,10 +20,10 @@ __all__ = ["Options"]
 @with_fields_of(BenchConfig)
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Measure the speed of this project's environments and comparable ones, in turns, and print a table.
+    """Measure the speed of this project's environments and comparable ones, in turn, and print a table.
 
-    It takes about three minutes. Install the comparable environments with pip install -c constraints.txt -e ".[bench]"
-    in the repository, torch with ".[rl]" instead.
+    This takes about three minutes. To install the comparable environments, run pip install -c constraints.txt -e
+    ".[bench]" in the repository; for torch, use ".[rl]" instead.
     """
 
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None

@@ -21,12 +21,12 @@ __all__ = ["Options"]
 class Options:
     """Write episodes of named policies as a data set that Minari loads, with their score and provenance.
 
-    --out becomes a root of Minari's: MINARI_DATASETS_PATH=DIR makes minari.load_dataset find the data set, whose name
-    is fuzzyarm/LEVEL-CONDITION-v0. It needs pip install -c constraints.txt -e ".[datasets]" in the repository.
+    With MINARI_DATASETS_PATH=DIR, where DIR is that of --out, minari.load_dataset finds the data set by its name,
+    fuzzyarm/LEVEL-CONDITION-v0. The command needs pip install -c constraints.txt -e ".[datasets]" in the repository.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder of data sets, made if needed"""
+    """Folder of data sets, created if needed"""
 
     def run(self) -> int:
         """Write a data set."""
@@ -40,7 +40,7 @@ class Options:
         mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
         say(
             f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, "
-            f"N {provenance_of(dataset)['N']:.1f} (computed-torque 0, learned-observer 100, in these episodes)"
+            f"score N = {provenance_of(dataset)['N']:.1f} (0: computed-torque, 100: learned-observer, same episodes)"
         )
-        say(f"written to {folder}; MINARI_DATASETS_PATH={self.out} makes Minari find it")
+        say(f"written to {folder}; set MINARI_DATASETS_PATH={self.out} for Minari to find it")
         return 0

@@ -26,43 +26,44 @@ __all__ = ["Options"]
 class Options:
     """Design a fuzzy controller and prove it from its stored gains.
 
-    The two-joint arm uses the consistent-reference form, any other robot the semidefinite form, in which the rules
+    The two-joint arm uses the consistent-reference form. Any other robot uses the semidefinite form, in which the rules
     schedule the gains by the inertia.
     """
 
     out: Annotated[Path, Parameter(metavar="FILE")]
     """Controller file to write (.json)"""
     rules: Annotated[int | None, Parameter(metavar="N")] = None
-    """32, 16, 8, 4, 2 or 1 rules (default: 4); in the semidefinite form 16 or fewer, whose premises are found,
-    one for each angle but the first at most"""
+    """Number of rules: 32, 16, 8, 4, 2 or 1 (default: 4). Semidefinite form: at most 16; their premises are found, at
+    most one for each angle but the first"""
     keep: Annotated[str | None, Parameter(metavar="Z,Z")] = None
-    """Premises to keep, such as z1,z3, or "cos q2,cos 2q3" in the semidefinite form, in place of --rules; the others
+    """Premises to keep, such as z1,z3, or "cos q2,cos 2q3" in the semidefinite form, instead of --rules; the others
     become uncertainty"""
     theorem: Literal["consistent", "paper", "semidefinite"] | None = None
-    """Consistent-reference form, Theorem 1 or 2 of the paper with the reference model in the loop, or the semidefinite
-    form for any number of joints (default: consistent for the two-joint arm, semidefinite for a robot of joints)"""
+    """Form: the consistent-reference form, Theorem 1 or 2 of the paper with the reference model in the loop, or the
+    semidefinite form for any number of joints (default: consistent for the two-joint arm, semidefinite for a robot of
+    joints)"""
     alpha: Annotated[float | Literal["max"] | None, Parameter(metavar="RATE", show_choices=False)] = None
-    """Decay rate [1/s], or "max" for the largest (default: the largest up to 20 with which the loop on the sampled
-    elastic arm stays stable with twice its gain and with one sample of delay; with --theorem paper 20)"""
+    """Decay rate [1/s], or "max" for the largest (default: the largest up to 20 at which the loop on the sampled
+    elastic arm stays stable with twice its gain and with one sample of delay; 20 with --theorem paper)"""
     gamma: Annotated[float | Literal["min"] | None, Parameter(metavar="GAIN", show_choices=False)] = None
-    """Bound of the L2 gain, in the consistent and the semidefinite form in rad/(N m), or "min" for the smallest
-    (default: by the arm's inertia and alpha, 2e-4 for Table 1; with --theorem paper 1000; semidefinite: what the
+    """Bound on the L2 gain, in rad/(N m) in the consistent and the semidefinite form, or "min" for the smallest
+    (default: from the arm's inertia and alpha, 2e-4 for Table 1; 1000 with --theorem paper; semidefinite: what the
     fastest pole allows)"""
     gain_bound: Annotated[float | None, Parameter(metavar="BOUND")] = None
-    """Bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
-    (default: as small as the rest allows)"""
+    """Bound on the feedback [N m/rad]: on joint 1's position gain, and on the other gains in proportion to their units
+    (default: as small as the other requirements allow)"""
     feedforward: Annotated[float | None, Parameter(metavar="SHARE")] = None
-    """L of the paper's form as a share in [0, 1] of the consistent form's (default: 0, the smallest L)"""
+    """L of the paper's form, as a share in [0, 1] of L of the consistent form (default: 0, the smallest L)"""
     fastest_pole: Annotated[float | None, Parameter(metavar="RATE")] = None
-    """Bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with a real
-    part below -RATE (default: no bound). Semidefinite form: no pole with a modulus above RATE (default: 1.5 times what
-    no feedback falls below, or what --gamma needs)"""
+    """Upper bound on the decay rate [1/s]: frozen at any state of the box, the rigid loop has no pole with a real part
+    below -RATE (default: no bound). Semidefinite form: no pole with a modulus above RATE (default: 1.5 times the
+    smallest possible value, or what --gamma needs)"""
     common_multiplier: bool = False
-    """One multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)"""
+    """Use one multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)"""
     integral: Annotated[bool, Parameter(negative="--no-integral")] = True
-    """Integral action"""
+    """Use integral action"""
     control_period: Annotated[float, Parameter(metavar="SECONDS")] = 1e-3
-    """Time between two torques, at which margins are measured [s]; the proof is in continuous time"""
+    """Time between two torques [s], at which margins are measured; the proof is in continuous time"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Robot by name (paper, cicese, manutec-r3, planar-3r, ur5, panda), or TOML file of another arm or robot
     (default: Table 1 of the paper)"""
@@ -80,7 +81,7 @@ class Options:
         arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
-            raise UsageError(f"--theorem {self.theorem} is for the two-joint arm; for {arm.name}, use semidefinite")
+            raise UsageError(f"--theorem {self.theorem} is for two-joint arms; use semidefinite for {arm.name}")
         output_file(self.out, ".json")
         if self.rules is not None and self.keep is not None:
             raise UsageError(f"--rules {self.rules} and --keep {self.keep} both choose the premises; leave out one")
@@ -121,7 +122,7 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
         "--no-integral": not options.integral,
     }.items():
         if present:
-            raise UsageError(f"{option} is not for --theorem semidefinite, the default for robots; leave it out")
+            raise UsageError(f"{option} does not apply to --theorem semidefinite, the default for robots; leave it out")
     return ScheduledSpecification(
         premises=None if options.keep is None else tuple(map(_premise, filter(None, options.keep.split(",")))),
         rules=min(4, 2 ** (joints - 1)) if options.rules is None else options.rules,

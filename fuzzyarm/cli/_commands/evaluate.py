@@ -24,8 +24,8 @@ class Options:
     """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
 
     policies: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
-    """Policy: fuzzy-32, -16, -8, -4, -2, -1, paper-4, computed-torque or a controller file (.json), each with the
-    ending -tip to bring the tip to the reference instead of the motors; paper-4-printed; elastic-observer,
+    """Policy: fuzzy-32, -16, -8, -4, -2, -1, paper-4, computed-torque or a controller file (.json), each also with the
+    ending -tip, which brings the tip instead of the motors to the reference; paper-4-printed; elastic-observer,
     adaptive-observer, learned-observer; ppo-nominal, -robust, -residual or a learned policy's folder; or your own code
     as package.module:factory. May be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the
     three observers, ppo-robust and ppo-residual; for another arm computed-torque, with and without -tip, and
@@ -38,7 +38,7 @@ class Options:
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
-    (default: the paper's arm). Its path and its loads are scaled, see the documentation"""
+    (default: the paper's arm). Its path and loads are scaled; see the documentation"""
     path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
     """Path of the tip: circle, lemniscate, line or square, placed and sized for the arm, or a file of points in metres
     (.csv, .toml)"""
@@ -47,22 +47,22 @@ class Options:
     payload: Annotated[float | None, Parameter(metavar="KG")] = None
     """Carried mass of the payload case [kg] (default: the paper's 5, scaled to the arm)"""
     passes: Annotated[int | None, Parameter(metavar="N")] = None
-    """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
-    from each for the next, policies with the ending -tip by classical iterative learning control, and code of your own
-    that has a method repeated (1 to 1000; default: 1)"""
+    """Number of episodes along the same path, one after the other; the results are those of the last one. Between
+    episodes, adaptive-observer learns, policies with the ending -tip use classical iterative learning control, and your
+    own code learns if it has a method repeated (1 to 1000; default: 1)"""
     control_period: Annotated[float | None, Parameter(metavar="SECONDS")] = None
     """Time between two torques [s] (default: 0.001)"""
     declared: bool = False
-    """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
-    remembers, and what is proven of it on the rigid arm"""
+    """Also print what each policy declares: its objective, what it was tuned on, what it knows about the arm, what it
+    observes and remembers, and what is proven about it on the rigid arm"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
-    """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
+    """Folder for results and figures, created if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
-    """Print the results as JSON instead of the table; it always has what the policies declare"""
+    """Print the results as JSON instead of the table; the JSON always includes what the policies declare"""
     check: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """Repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times.
-    Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
-    --policy names it too; with the path of a policy's file, --policy says where that is now"""
+    """Repeat the evaluation of a results.json, or of the folder that contains it, and compare every number except
+    times. Nothing is written; the exit code is 1 if a number differs. Your own code that the file names runs only if
+    --policy names it too. If a policy's file has moved, give its new path with --policy"""
 
     def run(self) -> int:
         """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
@@ -122,7 +122,7 @@ def _config(options: Options) -> EvaluationConfig:
     policies = options.policies or policies_of(options.robot)
     if other and not policies:
         left_out = ", ".join(name for name in COMPARED if name not in ANY_ROBOT)
-        say(f"left out, since they are for Table 1 alone: {left_out}; fuzzyarm tune --robot makes them", error=True)
+        say(f"left out, being for Table 1 only: {left_out}; to make them for an arm, use fuzzyarm tune", error=True)
     from_file = Path(options.path).suffix in ENDINGS
     if not from_file and options.path not in SHAPES:
         raise UsageError(

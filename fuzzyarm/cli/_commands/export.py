@@ -18,31 +18,32 @@ __all__ = ["Options"]
 class Options:
     """Write a policy as C99 source, with a header and test vectors, or as ONNX, or a policy or the plant as an FMU.
 
-    The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates
-    nothing, calls no library and has no loop whose length depends on data. An FMU is for co-simulation by FMI 2.0; it
-    holds the same source, and where there is a C compiler, the library for this machine. An ONNX file holds the same
+    The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates no
+    memory, calls no library and has no loop whose length depends on data. An FMU is for co-simulation with FMI 2.0; it
+    contains the same source and, if there is a C compiler, the library for this machine. An ONNX file contains the same
     operations for many arms at once, with the memory as an input and an output. An automaton is the problem of
-    `fuzzyarm prove` for other verification tools: the arm with its set and starts, the references, and the law as ONNX.
+    `fuzzyarm prove` for other verification tools: the arm with its set of plants and initial states, the references,
+    and the law as ONNX.
     """
 
     what: Annotated[str, Parameter(name="", metavar="c|fmu|onnx|automaton")]
-    """What is written: c (source), fmu (functional mock-up unit), onnx (law and memory, needs the extra onnx) or
-    automaton (hybrid automaton of the arm in SpaceEx's format, and the law as ONNX)"""
+    """Format: c (source), fmu (functional mock-up unit), onnx (law and memory, needs the extra onnx) or automaton
+    (hybrid automaton of the arm in SpaceEx's format, and the law as ONNX)"""
     policy: Annotated[str, Parameter(metavar="NAME|FILE")]
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, a learned policy, or a controller
-    file (.json, .json-tip); after fmu also plant, the arm itself"""
+    file (.json, .json-tip); for fmu also plant, the arm itself"""
     _: KW_ONLY
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder for the files, made if needed"""
+    """Folder for the files, created if needed"""
     number: Literal["double", "float"] = "double"
-    """Type of the numbers of C source; float is rounded, see the documentation for how much that changes"""
+    """Type of the numbers in C source; float is rounded, see the documentation for the effect"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Robot by name, or TOML file of another arm or robot, for the plant and for policies without a file (default:
     Table 1 of the paper)"""
     set: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """After automaton: set of plants, as for fuzzyarm prove (default: near)"""
+    """For automaton: set of plants, as for fuzzyarm prove (default: near)"""
     start: Annotated[tuple[str, ...] | None, Parameter(metavar="FILE|NUMBERS", consume_multiple=True)] = None
-    """After automaton: box of starts, as for fuzzyarm prove (default: at rest on the path)"""
+    """For automaton: box of initial states, as for fuzzyarm prove (default: at rest on the path)"""
 
     def run(self) -> int:
         """Write the files and say which."""

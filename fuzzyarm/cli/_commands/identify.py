@@ -25,40 +25,41 @@ __all__ = ["Options"]
 class Options:
     """Find the parameters of an arm in logs of its motors, with 95 % intervals from several logs.
 
-    Least squares on the inverse dynamics give the rigid arm; for two joints the output error refines it. Held-out logs
-    decide whether springs are told. Parameters that no log tells keep their values from --robot and are listed. The
-    exit code is 1 if one of them is inertial, or if the arm explains little of the logs. With --suggest: write a motion
-    to record first.
+    Least squares on the inverse dynamics give the rigid arm; for two joints, the output error method refines it.
+    Held-out logs decide whether springs are identified. Parameters that the logs do not determine keep their values
+    from --robot and are listed. The exit code is 1 if one of them is inertial, or if the arm explains little of the
+    logs. With --suggest: write a motion to record first.
     """
 
     log: Annotated[tuple[Path, ...], Parameter(name="", metavar="LOG...")] = ()
-    """Logs of one arm, recorded alike: time, angles, torques and perhaps velocities of its joints, in text with columns
-    (CSV and its kind), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3 or folder)"""
+    """Logs of one arm, recorded in the same way: time, angles, torques and perhaps velocities of its joints, as text
+    with columns (CSV and similar), NumPy's .npz or .npy, MATLAB's .mat, or joint states of a ROS 2 bag (.mcap, .db3 or
+    folder)"""
     _: KW_ONLY
     columns: Annotated[str | None, Parameter(metavar="ROLE=NAME,...")] = None
-    """Columns whose names are not understood: time=stamp,q1=shoulder,tau1=load1,..., also by number (q1=2); dq1 is a
-    velocity, topic that of a bag (default: by their names)"""
+    """Columns whose names are not recognised: time=stamp,q1=shoulder,tau1=load1,... or by number (q1=2); dq1 is a
+    velocity, topic is the topic of a bag (default: by their names)"""
     units: Annotated[str | None, Parameter(metavar="KIND=UNIT,...")] = None
-    """Units of time, q, dq and tau, or of one joint's, or their sizes in SI units: q=deg,tau2=0.12 (default: those of
-    the heading, else s, rad, rad/s, N m)"""
+    """Units of time, q, dq and tau, or of those of one joint, by name or by size in SI units: q=deg,tau2=0.12 (default:
+    those in the heading, else s, rad, rad/s, N m)"""
     gear: Annotated[tuple[float, ...], Parameter(metavar="RATIO", negative="")] = ()
-    """Reduction of the motors if the log is that of the motors' side, for all joints, or repeated for each (default:
-    the log is that of the joints' side)"""
+    """Gear reduction if the log was recorded on the motors' side: one for all joints, or repeated for each (default:
+    the log was recorded on the joints' side)"""
     delay: Annotated[float, Parameter(metavar="SECONDS")] = 0.0
-    """Time by which the log has torques later than the angles that belong to them"""
+    """Time by which torques in the log are later than the angles that belong to them"""
     apply: Annotated[bool, Parameter(negative="")] = False
-    """Read the logs by the conventions that seem likely: units, signs, zeros and order of the joints"""
+    """Read the logs with the conventions that seem likely: units, signs, zeros and order of the joints"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Arm to start from, a name or a TOML file: lengths or frames, limits and, for two joints, masses are taken from it
-    (default: Table 1 of the paper)"""
+    """Initial arm, a name or a TOML file: provides lengths or frames, limits and, for two joints, masses (default:
+    Table 1 of the paper)"""
     stribeck: Annotated[bool, Parameter(negative="")] = False
-    """Search friction that is larger at rest too; it counts only if the error on held-out logs falls"""
+    """Also search for friction that is larger at rest; it counts only if the error on held-out logs falls"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of the arm to write (default: none)"""
     figure: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """Picture of measured and simulated angles to write (.png; default: none)"""
+    """Figure of measured and simulated angles to write (.png; default: none)"""
     suggest: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """Write a motion to record, in place of reading a log: time, angles, velocities, accelerations and the torques that
+    """Write a motion to record, instead of reading a log: time, angles, velocities, accelerations and the torques that
     they need (.csv)"""
     duration: Annotated[float | None, Parameter(metavar="SECONDS")] = None
     """Duration of the motion to record, 4 to 120 s (default: 20)"""
@@ -79,7 +80,7 @@ class Options:
             if self.out is not None or self.figure is not None:
                 raise UsageError("--out and --figure need a LOG; leave them out with --suggest")
         elif self.duration is not None:
-            raise UsageError("--duration is for --suggest only; a LOG has its own")
+            raise UsageError("--duration is for --suggest only; leave it out with a LOG")
         arm = chosen_arm(self.robot, None)
         if self.suggest is None:
             return _identify(self, arm)
@@ -97,7 +98,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import suggested
 
-    with status("searching a motion"):
+    with status("searching for a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
     use, condition = motion.largest(), motion.condition()
     write_atomically(options.suggest, motion.to_csv())
@@ -108,7 +109,8 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
         return 0
     say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
     for (name, (first, second)), unit in zip(use.items(), ("rad", "rad/s", "N m"), strict=True):
-        say(f"largest {name}: {first:.3g} and {second:.3g} of {limits[name][0]:g} and {limits[name][1]:g} {unit}")
+        limit = limits[name]
+        say(f"largest {name}: {first:.3g} and {second:.3g} {unit}; limits: {limit[0]:g} and {limit[1]:g} {unit}")
     say(f"written to {options.suggest}")
     return 0
 
@@ -134,7 +136,7 @@ def _logs(options: Options) -> list[Log]:
         logs += read_log(path, columns=columns, units=units, gear=options.gear, delay=options.delay)
         joints, first = logs[-1].angle.shape[1], logs[0].angle.shape[1]
         if joints != first:
-            raise ValueError(f"{path} has {joints} joints, but {options.log[0]} has {first}; give logs of one arm")
+            raise ValueError(f"{path} has {joints} joints, but {options.log[0]} has {first}; give logs of the same arm")
     return logs
 
 
@@ -163,21 +165,21 @@ def _identify(options: Options, start: AnyArm) -> int:
         if doubt.doubtful:
             said.append(
                 f"conventions: {doubt.sentence()}. "
-                + ("The logs are read so" if options.apply else "--apply reads the logs so")
+                + ("This reading is used" if options.apply else "To use this reading, add --apply")
             )
         elif options.apply:
             said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:
-        raise UsageError("--apply and --stribeck are for the two-joint arm only, not for robots; leave them out")
+        raise UsageError("--apply and --stribeck are for two-joint arms only; leave them out for other robots")
     try:
         with progress("steps", None) as advance:
             found = identify(logs, start, advance, stribeck=options.stribeck)
     except ValueError as error:
         if doubt is None or not doubt.doubtful or options.apply:
             raise
-        raise ValueError(f"{error}. But {doubt.sentence()}; --apply uses this reading") from None
+        raise ValueError(f"{error}. However, {doubt.sentence()}; to use this reading, add --apply") from None
     if options.out is not None:
         write_atomically(options.out, found.to_toml())
     if options.figure is not None:

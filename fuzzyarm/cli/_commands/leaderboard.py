@@ -26,14 +26,15 @@ class Options:
     """File results.json or sweep.json, or the folder that fuzzyarm evaluate --out or fuzzyarm sweep --out wrote"""
     _: KW_ONLY
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
-    """File of fuzzyarm prove, checked again: what is proven of the tip; may be repeated; not for sweeps"""
+    """File written by fuzzyarm prove, which is checked again; the table then states what is proven about the tip. May
+    be repeated; not for sweeps"""
     declared: bool = False
-    """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
-    remembers"""
+    """Also print what each policy declares: its objective, what it was tuned on, what it knows about the arm, what it
+    observes and remembers"""
     markdown: bool = False
     """Print the table as Markdown"""
     json: bool = False
-    """Print the ranking as JSON, which always has what the policies declare"""
+    """Print the ranking as JSON, which always includes what the policies declare"""
 
     def run(self) -> int:
         """Print the table."""

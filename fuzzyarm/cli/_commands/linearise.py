@@ -19,8 +19,8 @@ __all__ = ["Options"]
 class Options:
     """Linearise the loop of a policy with the sampled elastic arm at a posture, as fuzzyarm margins does.
 
-    Writes A, B, C, D of plant, open loop and closed loop, discrete in time, as linear.npz and linear.mat, and figures
-    of step responses and Bode diagrams.
+    Writes the matrices A, B, C, D of plant, open loop and closed loop in discrete time, as linear.npz and linear.mat,
+    and figures of step responses and Bode diagrams.
     """
 
     policy: Annotated[str, Parameter(name="", metavar="NAME|FILE")]
@@ -28,7 +28,7 @@ class Options:
     learned policy's folder"""
     _: KW_ONLY
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder for the files, made if needed"""
+    """Folder for the files, created if needed"""
     at: Annotated[str | None, Parameter(metavar="Q1,Q2,...")] = None
     """Joint angles of the posture [rad] (default: where the arm's default path begins)"""
     control_period: Annotated[float, Parameter(metavar="SECONDS")] = 1e-3
@@ -54,7 +54,7 @@ class Options:
         lower, upper = models.limits()
         later = models.limits(1.0).upper
         angles = ", ".join(f"{angle:.4g}" for angle in models.posture)
-        stable = f"stable from {lower:.2f} to {upper:.2f} times its loop gain, one sample later to {later:.2f} times"
+        stable = f"stable from {lower:.2f} to {upper:.2f} times its loop gain (to {later:.2f} with a sample of delay)"
         if math.isnan(lower):
             stable = "unstable at the nominal loop gain"
         say(f"at q = ({angles}) rad, sampled every {1e3 * period:g} ms: spectral radius {models.radius:.4f}, {stable}")
@@ -66,4 +66,4 @@ def _angles(text: str) -> list[float]:
     try:
         return [float(angle) for angle in text.split(",")]
     except ValueError:
-        raise UsageError(f"--at {text} must be joint angles [rad] with commas between, such as 0.5,1.2") from None
+        raise UsageError(f"--at {text} must be joint angles [rad] separated by commas, such as 0.5,1.2") from None

@@ -17,15 +17,16 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Linearise the loop of each policy with the sampled elastic arm along its default path.
+    """Linearise the loop of each policy with the sampled elastic arm along the arm's default path.
 
-    Print its spectral radius, nominal and with changed loop gain, delay, stiffness or payload, and its gain margins.
+    Print the loop's spectral radius, nominal and with changed loop gain, delay, stiffness or payload, and its gain
+    margins.
     """
 
     policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """Policy: fuzzy-4, computed-torque, ..., a controller file (.json), a learned policy's folder, or your own code as
-    package.module:factory, which must act on batches. May be repeated (default: all policies that have a name; for
-    another robot computed-torque, with and without -tip, and elastic-observer)"""
+    package.module:factory, which must act on batches. May be repeated (default: all named policies; for another robot
+    computed-torque, with and without -tip, and elastic-observer)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
     (default: Table 1 of the paper)"""

@@ -18,9 +18,9 @@ __all__ = ["Options"]
 class Options:
     """Reproduce Figs. 2-10 and Table 2 of the paper from the controllers with 32 and 4 rules.
 
-    A table compares the paper's numbers with ours, and a line says how many agree and which do not. The exit code is 1
-    if a number differs by more than its tolerance from the stored one, else 0, regardless of agreement with the paper.
-    It takes about 15 seconds.
+    A table compares the paper's numbers with ours, and a line states how many agree and which do not. The exit code is
+    1 if a number differs by more than its tolerance from the stored one, else 0, regardless of agreement with the
+    paper. This takes about 15 seconds.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR")]
@@ -40,7 +40,7 @@ class Options:
 
         if self.renew and self.expected:
             raise UsageError(
-                "--renew writes new stored numbers and --expected compares with old ones; give one of them"
+                "--renew writes new stored numbers and --expected compares with old ones; give only one of them"
             )
         stored = None if self.renew else report.load_expected(self.expected or report.EXPECTED)
         if self.renew:

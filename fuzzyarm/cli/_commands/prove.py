@@ -22,15 +22,14 @@ class Options:
     """Prove a bound on the tip error at every instant of a motion, for every plant of a set.
 
     The proof includes elastic joints, sample and hold, torque limits and dry friction. If no bound is found, the exit
-    code is 1, with one line that says why.
+    code is 1, and one line states the reason.
     """
 
     policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, ppo-residual or another learned
-    policy, a controller file (.json, .json-tip), or one of a folder of fuzzyarm tune (DIR/fuzzy-4-tip)"""
+    policy, a controller file (.json, .json-tip), or a policy in a folder of fuzzyarm tune (DIR/fuzzy-4-tip)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Another robot, which the set is about: planar-3r or another by name, the TOML file of a robot or of a two-joint
-    arm, or a folder of fuzzyarm tune (default: the arm of the policy's file, otherwise Table 1)"""
+    """Arm that the set is about: a robot by name (planar-3r), TOML file of a robot or of a two-joint arm, or a folder of fuzzyarm tune (default: the arm of the policy's file, otherwise Table 1)"""
     case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
     """Case: nominal, machining or payload"""
     set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"
@@ -38,23 +37,23 @@ class Options:
     path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
     """Path of the tip: circle, lemniscate, line or square, or a file of points in metres (.csv, .toml)"""
     duration: float | None = None
-    """Of the motion [s] (default: that of fuzzyarm evaluate, 1.5 for the circle)"""
+    """Duration of the motion [s] (default: that of fuzzyarm evaluate, 1.5 for the circle)"""
     steps: Annotated[int | None, Parameter(metavar="N")] = None
     """Bound the first N control steps of the motion (default: all)"""
     laps: Literal["one", "ever"] = "one"
-    """Bound one lap of the motion, or every lap of a motion that is repeated for ever, along a closed path"""
+    """Laps to bound: one lap of the motion, or every lap of a motion that is repeated for ever along a closed path"""
     start: Annotated[list[str] | None, Parameter(metavar="FILE|NUMBERS", negative="", consume_multiple=True)] = None
-    """Begin anywhere in a box about the start: five half widths, of motor angles [rad], bending [rad], motor velocities
-    [rad/s], velocities of bending [rad/s] and the policy's memory, or a TOML or JSON file with angle, bending,
-    velocity, bending_velocity and memory, each one number or a list (default: at rest on the path)"""
+    """Box of initial states about the start: five half widths, of motor angles [rad], bending [rad], motor velocities
+    [rad/s], bending velocities [rad/s] and the policy's memory, or a TOML or JSON file with angle, bending, velocity,
+    bending_velocity and memory, each one number or a list (default: at rest on the path)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; by cells, the file of each
-    lies beside it"""
+    """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; with --cells, the file of
+    each cell is written beside it"""
     cells: Annotated[list[tuple[str, int]] | None, Parameter(metavar="FIELD N", negative="")] = None
-    """Divide the range of a field of the set into N parts, of each joint where it has its own, or of one (mass-2); may
-    be repeated. Each cell has a tube of its own, and is halved where it has none (default: one tube)"""
+    """Divide the range of a field of the set into N parts: for each joint where the field has a range for each, or for
+    one joint (mass-2). May be repeated. Each cell has its own tube; a cell without one is halved (default: one tube)"""
     jobs: int = 1
-    """Processes that work on the cells"""
+    """Number of processes that work on the cells"""
     json: bool = False
     """Print the result as JSON"""
 

@@ -27,7 +27,8 @@ class Options:
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Page to write (.html; default: DIR/report.html)"""
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
-    """File of fuzzyarm prove, checked again and drawn as a tube around the path, with the tip in it; may be repeated"""
+    """File written by fuzzyarm prove; it is checked again and drawn as a tube around the path, with the tip in it. May
+    be repeated"""
 
     def run(self) -> int:
         """Write the page."""

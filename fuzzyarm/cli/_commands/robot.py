@@ -23,7 +23,7 @@ _NOT_MODELLED = "Backlash is not modelled: gears have no play here, and joints a
 class Options:
     """Write the file of a robot, with every number that the package needs, from its URDF or MJCF model.
 
-    A model has no stiffness of joints, and seldom rotors or friction. What is lacking is asked for in one list, with
+    A model has no joint stiffness, and seldom rotor inertia or friction. One message lists all missing numbers, with
     the values of the shipped robots and their sources. Backlash is not modelled. Needs the extra robots.
     """
 
@@ -35,13 +35,13 @@ class Options:
     tip: Annotated[str | None, Parameter(metavar="NAME|X,Y,Z")] = None
     """Link or site of the model, or a point [m] in the last link's frame"""
     set: Annotated[tuple[str, ...], Parameter(metavar="KEY=VALUE...")] = ()
-    """Number of all joints or of one, such as stiffness=3e4, elbow.motor_inertia=0.6 or elbow.angle_range=-1,2. Drive
+    """Value for all joints or for one, such as stiffness=3e4, elbow.motor_inertia=0.6 or elbow.angle_range=-1,2. Drive
     quantities are as seen from the joint's side of the gear. May be repeated"""
     like: Annotated[str | None, Parameter(metavar="ROBOT")] = None
-    """Shipped robot whose values stand in for what is still lacking: those of the joint with the nearest torque limit,
-    in proportion to that limit"""
+    """Shipped robot that provides the values still missing: those of its joint with the nearest torque limit, scaled in
+    proportion to that limit"""
     fixed: Annotated[tuple[str, ...], Parameter(metavar="JOINT...")] = ()
-    """Joint that stays as the model has it, such as those of a gripper. May be repeated"""
+    """Joint that stays fixed as in the model, such as one of a gripper. May be repeated"""
 
     def run(self) -> int:
         """Write the file; return 1, with the list, if numbers are lacking."""
@@ -101,7 +101,7 @@ def _tip(text: str | None) -> Any:
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
-        raise UsageError(f"--tip {text} must be a name, or three numbers X,Y,Z [m]") from None
+        raise UsageError(f"--tip {text} must be a name or three numbers X,Y,Z [m]") from None
     return x, y, z
 
 
@@ -109,14 +109,15 @@ def _ask(model: Path, lacking: Lacking) -> None:
     """Print what a model lacks, and typical values with their sources."""
     from fuzzyarm.envs.physics.from_model import UNITS, typical
 
-    say(f"{model} does not say:\n" + "\n".join(f"  {line}" for line in str(lacking).splitlines()))
+    say(f"{model} does not give:\n" + "\n".join(f"  {line}" for line in str(lacking).splitlines()))
     for robot, values, sources in typical(lacking.quantities):
-        say(f"\ntypical, {robot}, joints from the base on:")
+        say(f"\ntypical values, from {robot}, joint by joint from the base:")
         for quantity, numbers in values.items():
             say(f"  {quantity} = {', '.join(f'{number:.3g}' for number in numbers)} {UNITS[quantity]}")
         say("\n".join(f"  source: {text}" for text in sources))
     say(f"\n{_NOT_MODELLED}")
     say(
-        "nothing was written: give each with --set KEY=VALUE or JOINT.KEY=VALUE, or the rest with --like ROBOT",
+        "nothing was written: give each value with --set KEY=VALUE or --set JOINT.KEY=VALUE, or use --like ROBOT "
+        "to take the rest from a shipped robot",
         error=True,
     )

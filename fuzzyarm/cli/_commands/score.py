@@ -25,8 +25,8 @@ class Options:
 
     policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = COMPARED
     """Policy: a name, a controller file (.json), a learned policy's folder, another library's model as sb3:model.zip or
-    onnx:model.onnx, or your own code as package.module:factory, which must act on batches. May be repeated, as for
-    the seeds of one training (default: those that evaluate compares)"""
+    onnx:model.onnx, or your own code as package.module:factory, which must act on batches. May be repeated, for example
+    for several seeds of one training (default: those that evaluate compares)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Results file to write (.json; default: none)"""
     json: bool = False

@@ -18,7 +18,7 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Print the law of a policy: equations in the order of computation, numbers with units, one state to check against.
+    """Print the law of a policy: equations in the order of computation, numbers with units, and one state as a check.
 
     Then print what is proven about it, with numbers rounded in the safe direction. A controller file is first proven
     again; it is shown for the arm that it was designed for.

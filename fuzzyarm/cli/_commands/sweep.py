@@ -33,14 +33,14 @@ class Options:
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Robot that plants are drawn around and policies are loaded for: cicese, manutec-r3, planar-3r, ur5, panda, or the
-    TOML file of a robot or of a two-joint arm (default: Table 1 of the paper). By default it has the policies
-    computed-torque, with and without -tip, and elastic-observer; loads are scaled to it"""
+    """Robot around which plants are drawn and for which policies are loaded: cicese, manutec-r3, planar-3r, ur5, panda,
+    or the TOML file of a robot or of a two-joint arm (default: Table 1 of the paper). The default policies of such a
+    robot are computed-torque, with and without -tip, and elastic-observer; loads are scaled to it"""
     out: Annotated[Path, Parameter(metavar="DIR")] = Path("fuzzyarm-sweep")
     """Folder of the sweep"""
     resume: bool = False
-    """Continue the sweep in the folder; its options need not be repeated, except --policy for code of your own,
-    which does not run because a file names it; --bound, --worst and --map may change"""
+    """Continue the sweep in the folder; its options need not be repeated, except --policy for your own code, which
+    never runs only because a file names it; --bound, --worst and --map may change"""
     replay: Annotated[tuple[str, str, int] | None, Parameter(metavar="POLICY CASE PLANT")] = None
     """Run one plant of the folder's sweep again and write its signals and figures"""
     json: bool = False

@@ -38,10 +38,11 @@ class Options:
     algorithm: ClassVar[str]
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder of the run, made if needed. Where a run was stopped, the same command goes on, to the same bits; with a
-    larger --total-timesteps it goes on beyond the end, on the learning rate's line to the new total"""
+    """Folder of the run, created if needed. If a run was stopped, the same command continues it, with the same result
+    bit for bit; with a larger --total-timesteps it continues beyond the end, with the learning rate on its line to the
+    new total"""
     preset: Annotated[str | None, Parameter(metavar="NAME")] = None
-    """The settings that the other options change"""
+    """Settings that apply unless the other options change them"""
 
     def run(self) -> int:
         """Train a policy, or continue a training run."""
@@ -49,7 +50,7 @@ class Options:
             try:
                 train_with_progress(_config(self), self.out)
             except KeyboardInterrupt:
-                say("fuzzyarm train: interrupted; the same command goes on from the last checkpoint", error=True)
+                say("fuzzyarm train: interrupted; run this command again to continue from the checkpoint", error=True)
                 return 130
         say(f"written to {self.out / 'policy'}")
         return 0
@@ -60,12 +61,12 @@ class Options:
 class _EstimateOptions:
     """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and delay.
 
-    The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
+    The run writes the folder policy/, for --policy and load_policy. Training takes minutes and cannot be resumed. It
     needs pip install -c constraints.txt -e ".[rl]" in the repository.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder of the run, made if needed"""
+    """Folder of the run, created if needed"""
     robot: Annotated[str | None, Parameter(metavar="FILE")] = None
     """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
     (default: Table 1 of the paper)"""
@@ -104,9 +105,9 @@ def _options_of(spec: AlgorithmSpec) -> type[Options]:
     made.algorithm = spec.name
     first, *others = spec.presets
     made.__doc__ = (
-        f"Train a policy with {spec.title}.\n\nThe folder gets curve.csv, checkpoint.pt and the policies policy/ (the "
-        'last) and best/ (the smallest tip error). Training needs pip install -c constraints.txt -e ".[rl]" in the '
-        f"repository. The defaults below are those of --preset {first}"
+        f"Train a policy with {spec.title}.\n\nThe run writes curve.csv, checkpoint.pt and two policies to the folder: "
+        "policy/, the last one, and best/, the one with the smallest tip error. Training needs pip install -c "
+        f'constraints.txt -e ".[rl]" in the repository. The defaults below are those of --preset {first}'
         f"{'; other presets: ' + ', '.join(others) if others else ''}."
     )
     return made

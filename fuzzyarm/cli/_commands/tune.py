@@ -19,7 +19,8 @@ class Options:
     """Find the parameters of every model-based policy for an arm, by the rules used for the shipped ones.
 
     Writes one folder: a proven controller file, the parameters of the other laws, their margins and a page with the
-    decisions. evaluate, margins and sweep --robot DIR then run its policies. It takes minutes; finished steps are kept.
+    decisions. evaluate, margins and sweep --robot DIR then run its policies. This takes minutes; finished steps are
+    kept.
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
@@ -28,7 +29,7 @@ class Options:
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder to write, new or empty"""
     resume: bool = False
-    """Go on with the tuning in the folder, for the same arm; the result is that of a run that was never stopped"""
+    """Continue the tuning in the folder, for the same arm; the result is that of an uninterrupted run"""
     jobs: Annotated[int | None, Parameter(metavar="N")] = None
     """Number of processes (default: one per core)"""
 
@@ -61,6 +62,6 @@ class Options:
                 say(f"fuzzyarm tune: {error}", error=True)
                 return 1
         print_margins(tuned.margins, output())
-        say(f"\n{', '.join(tuned.laws.policies)} in {self.out}; the decisions are in {self.out / 'README.md'}")
-        say(f"compare them with fuzzyarm evaluate --robot {self.out}")
+        say(f"\n{', '.join(tuned.laws.policies)} in {self.out}; {self.out / 'README.md'} lists the decisions")
+        say(f"to compare them, run fuzzyarm evaluate --robot {self.out}")
         return 0

@@ -20,9 +20,9 @@ __all__ = ["Options"]
 class Options:
     """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
 
-    In the semidefinite form the bounds of the robot's inertia are proven on covers of boxes, in balls with outward
-    rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The exit code is 0 only if
-    everything is proven.
+    In the semidefinite form, the bounds on the robot's inertia are proven on covers of boxes, in ball arithmetic with
+    outward rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The exit code is 0
+    only if everything is proven.
     """
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]
@@ -31,7 +31,7 @@ class Options:
     json: bool = False
     """Print the claims as JSON"""
     twice: bool = False
-    """Also check a bound with the second checker, which shares no code with the first and knows three laws"""
+    """Also check a bound with the second checker, which shares no code with the first and supports three laws"""
 
     def run(self) -> int:
         """Print the claims; return 1 if one is not proven."""
@@ -41,7 +41,7 @@ class Options:
 
         reports = list[tuple[bool, str, dict[str, Any]]]()
         if self.twice and (other := next((path for path in self.files if not is_bound(path)), None)):
-            raise ValueError(f"--twice is for files of bounds, and {other} is not one; leave out --twice")
+            raise ValueError(f"--twice is for bound files only, and {other} is not one; leave out --twice")
         with progress("verifying", len(self.files)) as advance:
             for path in self.files:
                 found = check_bound(path) if is_bound(path) else verify_file(path)

@@ -42,7 +42,7 @@ def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
             found = f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else checks.shown(given)
             raise ValueError(f"state[{name!r}] is {found}; needed: an array of {own.dtype} of shape {own.shape}")
         if given.dtype.kind == "f" and not np.isfinite(given).all():
-            raise ValueError(f"state[{name!r}] holds numbers that are not finite")
+            raise ValueError(f"state[{name!r}] contains numbers that are not finite")
         arrays[name] = np.array(given, order="C")
     return arrays
 
@@ -297,14 +297,14 @@ class Lanes:
             begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
             raise ValueError(
                 f"state['clock'] places lane {lane} at row {row[lane]} of the schedule rows {first[lane]} to "
-                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}. Give an "
-                "unchanged state of get_state"
+                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}. Pass a "
+                "state from get_state unchanged"
             )
         if not np.array_equal(arrays["drawn"], drawn):
-            raise ValueError("state['drawn'] differs from what the state's keys draw; give a state of get_state")
+            raise ValueError("state['drawn'] does not match the state's keys; pass a state from get_state unchanged")
         changing = size(self.physics.State)
         if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
-            raise ValueError("state['values'] differs from the arms of the state's keys; give a state of get_state")
+            raise ValueError("state['values'] does not match the state's keys; pass a state from get_state unchanged")
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""

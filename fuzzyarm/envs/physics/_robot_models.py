@@ -57,18 +57,18 @@ class _Model:
         except ValueError as error:
             message = " ".join(str(error).split())
             if "multiple parents" in message:
-                message = f"a link has two joints to it, which closes the chain: {message}"
+                message = f"two joints lead to one link, which closes the chain: {message}"
             raise ValueError(message) from None
         spec, known = self.spec, {joint.name for joint in self.spec.joints}
         if unknown := set(fixed) - known:
-            raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {listed(known)}")
+            raise ValueError(f"`fixed` names {listed(unknown)}; the model has the joints: {listed(known)}")
         self.chain = [joint for joint in spec.joints if joint.name not in fixed]
         if not self.chain:
             raise ValueError(
-                "the model has no joint that moves, except in `fixed`; give a model with one, or fix fewer"
+                "the model has no moving joint outside `fixed`; give a model with one, or list fewer joints in `fixed`"
             )
         if not all(joint.name for joint in self.chain):
-            raise ValueError("a joint has no name; give each joint of the model one")
+            raise ValueError("a joint has no name; name each joint of the model")
         self.parts = {joint.name: list(self._carried(joint.parent)) for joint in self.chain}  # bodies of each joint
         self.joints, self.name = tuple(self.parts), spec.modelname
         self.complaints = [
@@ -104,13 +104,13 @@ class _Model:
             free, couples = set(names) - set(self.fixed), equality.type == self.mujoco.mjtEq.mjEQ_JOINT
             if couples and free:
                 yield (
-                    f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: put "
-                    f"{listed(map(repr, free))} under `fixed` in the overlay, or take the coupling out of the model"
+                    f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: list "
+                    f"{listed(map(repr, free))} under `fixed` in the overlay, or remove the coupling from the model"
                 )
             elif not couples:
                 yield (
-                    f"a constraint between {listed(map(repr, names))} closes the chain; a serial robot has none: take "
-                    "it out of the model"
+                    f"a constraint between {listed(map(repr, names))} closes the chain, which a serial robot must not "
+                    "have: remove it from the model"
                 )
 
     def _misplaced(self) -> Iterator[str]:
@@ -121,8 +121,8 @@ class _Model:
                 above = above.parent
             if after.parent == before.parent or above != before.parent:
                 yield (
-                    f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; put what is not "
-                    "part of the arm under `fixed` in the overlay, and give each joint a body of its own"
+                    f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; list the joints "
+                    "outside the arm under `fixed` in the overlay, and give each joint a body of its own"
                 )
 
     def _unlike(self) -> Iterator[str]:
@@ -131,11 +131,11 @@ class _Model:
             if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
                 kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
                 yield (
-                    f"joint {shown(joint.name)} is {kind}; all joints must be revolute: put it under `fixed` in the "
-                    "overlay, or take a model without it"
+                    f"joint {shown(joint.name)} is {kind}; all joints must be revolute: list it under `fixed` in the "
+                    "overlay, or use a model without it"
                 )
             if joint.ref != 0.0:
-                yield f"joint {shown(joint.name)} has ref = {joint.ref}; give its frame at angle 0, with ref 0"
+                yield f"joint {shown(joint.name)} has ref = {joint.ref}; define its frame at angle 0, with ref = 0"
 
     def _inertias(self) -> Iterator[str]:
         """Yield complaints about links without inertia, and give them one."""
@@ -149,7 +149,7 @@ class _Model:
                 heavy = heavy or bool(shapes) or (given and body.mass > _MASSLESS)
                 if any(map(_is_opened, shapes)):
                     link = f"link {shown(body.name)}"
-                    yield f"{link} takes its inertia from a mesh, and meshes are not opened: {_WAY_OUT}"
+                    yield f"{link} takes its inertia from a mesh, and meshes are not read: {_WAY_OUT}"
                     without.append(body)
             if not heavy:
                 yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {_WAY_OUT}"
@@ -180,7 +180,7 @@ class _Model:
             *(f"armature or damping of actuator {shown(one.name)}" for one in rotors),
             *(f"{name} of <gazebo>" for name in _GAZEBO.findall(self.text)),
         ]
-        return [f"{one} has no equation here: take it out of the model" for one in found]
+        return [f"{one} is not simulated: remove it from the model" for one in found]
 
     def _is_fixed(self, wrapped: Any) -> bool:
         return bool(wrapped.type == self.mujoco.mjtWrap.mjWRAP_JOINT and wrapped.target.name in self.fixed)
@@ -245,7 +245,7 @@ class _Model:
         if np.any(model.dof_dampingpoly[k]):
             differs["viscous_friction"] = "its damping is a polynomial"
         if name in self.acting:
-            differs["torque_limit"] = f"law and limits of its actuator {shown(self.acting[name])} are not read"
+            differs["torque_limit"] = f"the law and limits of its actuator {shown(self.acting[name])} are not read"
         elif values["torque_limit"] and low != -high:
             differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, differ in the two directions"
         return values, differs
@@ -266,7 +266,7 @@ class _Model:
         """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
-                f"it has no drive, and the model's format has no joint stiffness: add [joints.{name}] to the overlay"
+                f"it has no drive, and the model cannot state a drive's stiffness: add [joints.{name}] to the overlay"
             )
         values, differs = self._stated(name, number)
         given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}
@@ -391,7 +391,7 @@ def _robot(tree: _Model, overlay: _Overlay) -> Robot:
     model, data, complaints = tree.model, tree.data, tree.complaints
     known = " ".join(complaints)
     if unknown := set(overlay.joints) - set(tree.joints):
-        complaints.append(f"[joints] names {listed(unknown)}; the joints that move are: {', '.join(tree.joints)}")
+        complaints.append(f"[joints] names {listed(unknown)}; the moving joints are: {', '.join(tree.joints)}")
     rotation, origin, joints = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), []
     for name, k, body in zip(tree.joints, tree.numbers, tree.links, strict=True):
         turned = _neat(data.xmat[body].reshape(DIMENSIONS, DIMENSIONS))

@@ -117,7 +117,7 @@ def _named(robot: str) -> AnyArm:
         return read_robot(robot)
     raise ValueError(
         f"unknown robot {checks.shown(robot)}; choose from: {', '.join(shipped_robots())}, or give a .toml file or a "
-        "folder of fuzzyarm tune"
+        "folder written by fuzzyarm tune"
     )
 
 
@@ -130,7 +130,7 @@ def common_equations(arms: Sequence[AnyArm]) -> Physics:
     """Return the equations of all these arms; ValueError if they differ."""
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
-        same = "joint axes, joint rotations, and which of their other numbers are zero"
+        same = "equal joint axes and rotations, and zeros in the same other numbers"
         raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each structure")
     return first
 

@@ -74,7 +74,7 @@ def integrate(
     while time < stop:
         if events > _MAX_EVENTS:
             raise RuntimeError(
-                f"the motors stopped or broke loose more than {_MAX_EVENTS} times before t = {time!r} s, state "
+                f"the motors stopped or broke loose more than {_MAX_EVENTS} times before t = {time!r} s, in state "
                 f"{y.tolist()}. Give a shorter duration or a smoother torque"
             )
         solution = solve_ivp(
@@ -90,7 +90,7 @@ def integrate(
         )
         time, y = float(solution.t[-1]), solution.y[:, -1]
         if not solution.success:
-            raise RuntimeError(f"the integration failed at t = {time!r} s, state {y.tolist()}: {solution.message}")
+            raise RuntimeError(f"the integration failed at t = {time!r} s, in state {y.tolist()}: {solution.message}")
         for joint, times in enumerate(solution.t_events or ()):
             if times.size:
                 events += 1

@@ -59,7 +59,7 @@ class Link:
         _require(
             low + middle >= (1.0 - _TRIANGLE_ROUNDING) * high,
             f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last above the sum "
-            "of the others, which no body has; it must be taken about the mass center, in axes of the joint frame",
+            "of the others, which is impossible; it must be taken about the mass center, in axes of the joint frame",
         )
 
 
@@ -132,7 +132,7 @@ class Joint:
     def __post_init__(self) -> None:
         _require(
             isinstance(self.name, str) and self.name != "" and self.name.isprintable(),
-            f"name = {checks.shown(self.name)} must be a text of one line",
+            f"name = {checks.shown(self.name)} must be one line of text",
         )
         try:
             self._check()
@@ -157,7 +157,7 @@ class Joint:
         )
         checks.keep(self, "rotation", as_rows(rotation))
         low, high = checks.interval("angle_range", self.angle_range, "rad", low=-_LARGEST_ANGLE, high=_LARGEST_ANGLE)
-        _require(low < high, f"angle_range = {checks.shown(self.angle_range)} rad is empty; low < high is needed")
+        _require(low < high, f"angle_range = {checks.shown(self.angle_range)} rad is empty; needed: low < high")
         checks.keep(self, "angle_range", (low, high))
         speed = checks.real("velocity_limit", self.velocity_limit, "rad/s", above=0.0, high=LARGEST)
         checks.keep(self, "velocity_limit", speed)

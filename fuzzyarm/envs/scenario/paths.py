@@ -192,7 +192,7 @@ class Spline:
         points = tuple(any_point(f"waypoints[{k}]", point, size) for k, point in enumerate(given))
         if not 2 <= len(points) <= MOST_WAYPOINTS:
             found = f"{len(points)} point(s)" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
-            raise ValueError(f"waypoints holds {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
+            raise ValueError(f"waypoints has {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
         checks.keep(self, "waypoints", points)
         checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1
@@ -332,7 +332,7 @@ class Placed:
         if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
             raise ValueError(
                 f"first = {self.first} and second = {self.second} must be unit vectors at right angles; their lengths "
-                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their scalar product is "
+                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, and their dot product is "
                 f"{axes[0] @ axes[1]:.3g}"
             )
 

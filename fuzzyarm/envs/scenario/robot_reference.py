@@ -176,7 +176,7 @@ class TipReference(PathReference):
         for k in range(1, len(_STEPS)):
             step = (_STEPS[k] - _STEPS[k - 1]) * slopes[-1]
             if not np.abs(step).max() <= _LONGEST_STEP:
-                raise self._lost(k - 1, postures[-1], f"there {self._joint(step)} would have to turn too far at once")
+                raise self._lost(k - 1, postures[-1], f"{self._joint(step)} would have to turn too far in one step")
             postures.append(self._corrected(k, postures[-1], step, points[k]))
             slopes.append(self._slope(postures[-1], tangents[k]))
         coarse = CubicHermiteSpline(_STEPS, np.array(postures), np.array(slopes))
@@ -202,7 +202,7 @@ class TipReference(PathReference):
             if np.abs(after - q).max() <= EXACT:
                 return after
             q = after
-        raise self._lost(k, before, f"from the point {_shown(frames(self.robot, before).tip)} m no posture leads there")
+        raise self._lost(k, before, f"no posture was found for it, from {_shown(frames(self.robot, before).tip)} m")
 
     def _lost(self, k: int, q: np.ndarray, reason: str) -> ValueError:
         """Return the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
@@ -216,7 +216,7 @@ class TipReference(PathReference):
     @property
     def _or_free(self) -> str:
         """The last advice of a message, where the orientation can be left free."""
-        return "; or let the orientation be free (orientation='free')" if self.keeps_orientation else ""
+        return ", or leave the orientation free (orientation='free')" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
         """Raise if the path leaves the plane in which the tip of a planar robot moves."""
@@ -226,7 +226,7 @@ class TipReference(PathReference):
         if beside[k] > EXACT:
             raise ValueError(
                 f"{self.robot.name} is planar: its tip cannot reach point {_shown(position[k])} m at t = {t[k]:.4g} s, "
-                f"{beside[k]:.3g} m beside its plane. Move or turn the path into the plane"
+                f"which is {beside[k]:.3g} m off its plane. Move or turn the path into the plane"
             )
 
     def _check_sharpness(self, t: np.ndarray, q: np.ndarray) -> None:
@@ -292,7 +292,7 @@ class SplineReference(Reference):
         if not isinstance(self.waypoints, Sequence | np.ndarray) or isinstance(self.waypoints, str):
             raise TypeError(f"waypoints = {checks.shown(self.waypoints)} must be a sequence of postures [rad]")
         if not 2 <= len(self.waypoints) <= MOST_WAYPOINTS:
-            raise ValueError(f"waypoints holds {len(self.waypoints)} postures; allowed: 2 to {MOST_WAYPOINTS}")
+            raise ValueError(f"waypoints has {len(self.waypoints)} postures; allowed: 2 to {MOST_WAYPOINTS}")
         postures = tuple(_checked_angles(f"waypoints[{k}]", q, self.robot) for k, q in enumerate(self.waypoints))
         checks.keep(self, "waypoints", postures)
         for k, turn in enumerate(np.linalg.norm(np.diff(postures, axis=0), axis=1)):

@@ -45,13 +45,13 @@ class DatasetConfig:
     level: _Level = "expert"
     """Policies: expert (learned-observer), medium (computed-torque) or mixed (both and ppo-robust, a third each)."""
     condition: Condition = "nominal"
-    """What they act on: nominal (the paper's circle and arm) or loads (plants, payloads, forces, starts and
-    references are drawn)."""
+    """Arms and paths: nominal (the paper's circle and arm) or loads (plants, payloads, forces, initial states and
+    references are drawn at random)."""
     episodes: int = 60
     """Number of episodes, divided evenly among the policies (1 to 2000)."""
     noise: float = 0.02
-    """Standard deviation of the noise on the torques, as a share of their limits (0 to 1); without it all episodes of
-    the nominal condition are alike. The torques in the data set are those with noise."""
+    """Standard deviation of the noise on the torques, as a share of their limits (0 to 1); without noise, all
+    episodes of the nominal condition are the same. The torques in the data set are those with noise."""
     seed: int = 0
     """Episode i draws from seed + i."""
 

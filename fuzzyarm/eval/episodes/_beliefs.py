@@ -24,9 +24,9 @@ _KEPT = ("force", "payload", "offset", "lateness")
 _SINGLE = ("payload", "lateness")  # one number each; the others have one per axis or joint
 _EVENTS = {
     "other_path": (
-        "its path differs from that of the pass before from {} on, and it no longer expects the forces of that"
+        "from {} on, its path differs from that of the previous pass, and it no longer expects the forces of that pass"
     ),
-    "diverged": "its filter diverged, or its torques swung, at {}, and its fallback acted since",
+    "diverged": "at {}, its filter diverged or its torques oscillated, and its fallback has acted since",
 }
 
 
@@ -47,11 +47,11 @@ class Believing:
         at = {name: f"{sample * control_period:.3f} s" for name, sample in (self._first | self._ends).items()}
         said = [text.format(at[name]) for name, text in _EVENTS.items() if name in self._first]
         ends = [
-            f"{name.replace('_', ' ')} (first at {at[name]}{', and at last' if name in self._at_last else ''})"
+            f"{name.replace('_', ' ')} (first at {at[name]}{', and at the end' if name in self._at_last else ''})"
             for name in self._ends
         ]
         if ends:
-            said.append(f"estimates that stood at an end of their range: {', '.join(ends)}")
+            said.append(f"estimates that reached an end of their range: {', '.join(ends)}")
         return "; ".join(said)
 
     def rows(self) -> np.ndarray:

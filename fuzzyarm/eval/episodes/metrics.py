@@ -54,8 +54,8 @@ class Metric:
 
 
 _MOTOR_CIRCULARITY = (
-    "The same with the motor angles, that is, as if the joints were rigid. It does not measure accuracy at the tip: a "
-    "policy that brings the tip to the reference leads the motors millimetres beside it."
+    "The same, computed from the motor angles as if the joints were rigid. It does not measure accuracy at the tip: a "
+    "policy that keeps the tip on the reference keeps the motors millimetres away from it."
 )
 
 
@@ -77,15 +77,15 @@ _ALL = (
            lambda r: 1e3 * r.tip_error.max(), column="tip error max",
            swept=lambda e: 1e3 * e.largest, key="max_mm", words="largest tip error"),
     Metric("tip_error_max_mid_mm", "mm",
-           "The maximum without the first and the last 0.1 s, in which loads set in and fade; that of all steps if the "
+           "The maximum without the first and the last 0.1 s, in which loads set in and fade; of all steps if the "
            "episode is no longer than that.", lambda r: 1e3 * _middle(r).max(),
            column="max but for 0.1 s at the ends"),
     Metric("tip_error_rms_mm", "mm", "Root mean square of the distance between the tip and its reference.",
            lambda r: 1e3 * _rms(r.tip_error), column="rms",
            swept=lambda e: 1e3 * e.rms, key="rms_mm", words="rms tip error"),
     Metric("circularity_link_min_mm", "mm",
-           "Smallest |tip - center| - R with the link angles; for a path that is no circle, the tip error's component "
-           "along the left normal of the path. Lag along the path does not show in it.",
+           "Smallest |tip - center| - R with the link angles; for a path that is not a circle, the component of "
+           "the tip error along the left normal of the path. It does not show a lag along the path.",
            lambda r: 1e3 * r.circularity_error.min(),
            column="tip circularity", form="{:+#.3g}"),
     Metric("circularity_link_max_mm", "mm", "Largest of the same quantity.", lambda r: 1e3 * r.circularity_error.max(),
@@ -94,8 +94,8 @@ _ALL = (
     Metric("circularity_motor_max_mm", "mm", "Largest of the same quantity.",
            lambda r: 1e3 * r.circularity_error_motor.max()),
     Metric("joint_error_rms_mrad", "mrad",
-           "Root mean square of q_a - q_d over all joints: the error of a policy that leads the motors along the "
-           "reference, and no error of one that leads the tip.", lambda r: 1e3 * _rms(r.q_motor - r.q_reference)),
+           "Root mean square of q_a - q_d over all joints. It measures an error only if the policy moves the motors, "
+           "not the tip, along the reference.", lambda r: 1e3 * _rms(r.q_motor - r.q_reference)),
     _PEAK_1, _PEAK_2, _RMS_1, _RMS_2,
     Metric("torque_rate_rms", "N m/s",
            "Root mean square of the change of torque from step to step over the control period, all joints.",
@@ -103,8 +103,8 @@ _ALL = (
     Metric("energy", "J", "Absolute mechanical work of the motors, ∫ |Γ_1 q̇_a1| + |Γ_2 q̇_a2| + ... dt.",
            lambda r: np.abs(r.torque * r.dq_motor).sum() * r.control_period, column="work", form="{:.0f}"),
     Metric("domain_margin", "",
-           "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides; "
-           "angles are taken from the middle of their range.", lambda r: 1.0 - r.domain_use.max()),
+           "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), of "
+           "motors and links; angles are measured from the middle of their range.", lambda r: 1.0 - r.domain_use.max()),
     Metric("return", "", "Sum of rewards.", lambda r: r.reward.sum(), column="return", form="{:.0f}"),
     Metric("predict_us", "µs", "Median wall time of one `predict` call; the only metric that differs between runs.",
            lambda r: 1e6 * r.step_time, reproducible=False, column="predict", form="{:.1f}"),

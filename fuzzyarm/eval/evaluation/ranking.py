@@ -80,8 +80,8 @@ class Standing:
         return (
             "Score: largest tip error of all cases"
             + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
-            + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. "
-            + "Proven: of the rigid arm, decay and L2 gain in its box; of the tip, what the files of --bound say."
+            + f". Lost: an episode ended early, or the tip was more than {LOST:g} mm off; such policies rank last. "
+            + "Proven: for the rigid arm, decay and L2 gain in its box; for the tip, what the files of --bound state."
         )
 
 

@@ -52,7 +52,7 @@ def recheck_results(
 
     ValueError names code that only one of the two lists, and a policy that is unknown or differs from the measured one.
     """
-    if others := unrelated(f"{results.path} holds results of code", results.config.policies, code):
+    if others := unrelated(f"{results.path} contains results of code", results.config.policies, code):
         raise ValueError(
             f"--policy {' '.join(others)}: with --check, --policy only permits code (package.module:factory) that the "
             "results name, or gives the new path of a policy's file; the policies of "

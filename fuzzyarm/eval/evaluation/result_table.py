@@ -77,7 +77,8 @@ def print_results(evaluation: Evaluation, console: Console) -> None:
     Sheet(headings, rows).print(console)
     lines = [f"Tip error, rms / largest [mm]{several}; * smallest rms error of a case."]
     if near:
-        lines.append("near: Case 1 repeated for ever, every arm near Table 1; fuzzyarm prove --set near --laps ever")
+        bound = "bound on the tip error [mm], Case 1 repeated for ever, every arm near Table 1"
+        lines.append(f"proven (near): {bound}; see fuzzyarm prove --set near --laps ever")
     print_paragraphs(console, ["\n".join(lines)])
 
 
@@ -119,7 +120,7 @@ def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[st
         elif certificates[policy] is not None:
             lines.append(f"{policy}: its certificate is void along this path; see fuzzyarm show {policy}")
     others = [policy for policy, text in certificates.items() if text is None]
-    return [*lines, *([f"nothing proven of the rigid arm: {', '.join(others)}"] if others else [])]
+    return [*lines, *([f"nothing proven for the rigid arm: {', '.join(others)}"] if others else [])]
 
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
@@ -140,7 +141,7 @@ def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
     """Return headings and the cells of each policy; declarations and certificates in words are given by label."""
-    return [(*ROW, "proven of the rigid arm")] + [
+    return [(*ROW, "proven for the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()
     ]

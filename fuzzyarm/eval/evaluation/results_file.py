@@ -159,7 +159,7 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
         raise ValueError(f"a row lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)
     if identity != episode:
-        raise ValueError(f"its rows are out of order: expected the row of {episode}, found that of {identity}")
+        raise ValueError(f"its rows are out of order: expected the row of {episode}, found the row of {identity}")
     truth("completed", row["completed"])
     for name, value in row.items():
         if name in ("reason", "note"):
@@ -172,7 +172,7 @@ def read_evaluation(folder: Path) -> Results:
     """Return the evaluation of a folder, with its rollouts; ValueError names what is missing or does not fit."""
     again = f"run fuzzyarm evaluate --out {folder} again"
     if not (folder / _NAME).is_file():
-        what = f"holds no {_NAME}" if folder.is_dir() else "is not a folder"
+        what = f"contains no {_NAME}" if folder.is_dir() else "is not a folder"
         raise ValueError(f"{folder} {what}; make an evaluation with fuzzyarm evaluate --out {folder}")
     results = read_results(folder)
     made_by = results.made_with["versions"]["fuzzyarm"]

@@ -85,7 +85,9 @@ class EvaluationConfig:
         if self.payload is not None:
             real("payload", self.payload, "kg", above=0.0, high=LARGEST)
         if self.seeds > 1 and not any(self.encoder_noise):
-            raise ValueError(f"seeds = {self.seeds} would repeat one run, as there is no encoder noise; use seeds = 1")
+            raise ValueError(
+                f"seeds = {self.seeds} would repeat one run, because no encoder noise is set; use seeds = 1"
+            )
 
     @property
     def arm(self) -> AnyArm:

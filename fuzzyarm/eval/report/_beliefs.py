@@ -18,11 +18,12 @@ from fuzzyarm.eval.report._summary import figure
 __all__ = ["belief_section"]
 
 _WARNING = (
-    "Charts: magnitude of the tip force over the episode, as estimated, with a band of one standard deviation, and, "
-    "thicker, as it was. A policy cannot fully separate payload from force: part of one is estimated as the other, so "
-    "neither is a measurement. Tables: estimates with the standard deviation that the policy gives them; stiffness, "
-    "damping, friction, mass and motor inertia are factors of the arm that the policy knows. The simulated arm is that "
-    "arm, so the true factors are 1. Parameters that the motion does not excite stay near their initial guess."
+    "Charts: magnitude of the tip force over the episode; the thin line is the estimate, with a band of one standard "
+    "deviation, and the thick line the true force. A policy cannot fully separate payload from force: part of one is "
+    "estimated as the other, so neither is a measurement. Tables: estimates with the standard deviation given by the "
+    "policy; stiffness, damping, friction, mass and motor inertia are factors relative to the arm that the policy "
+    "knows. The simulated arm is that arm, so the true factors are 1. Parameters that the motion does not excite stay "
+    "near their initial guess."
 )
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 _POINTS = 300  # of a curve

@@ -34,7 +34,7 @@ def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapp
         if text is not None
     ]
     if without := ", ".join(name for name, text in certificates.items() if text is None):
-        parts.append(f'<p class="note">Nothing is proven of the rigid arm: {escape(without)}.</p>')
+        parts.append(f'<p class="note">Nothing is proven about the rigid arm with {escape(without)}.</p>')
     return "".join(parts)
 
 
@@ -42,16 +42,16 @@ def _claim(numbers: Mapping[str, Any] | None) -> str:
     if numbers is None:
         return "void along this path"
     only = ", with zero reference input" if numbers["form"] == "paper" else ""
-    return f"error decays at least as exp(−{at_least(numbers['alpha'], 6)} t){only}"
+    return f"error decays at least as fast as exp(−{at_least(numbers['alpha'], 6)} t){only}"
 
 
 _SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
 _PERCENT = 150.0  # beside a bar, for its number [px]
 _WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
 _TUBE_NOTE = (
-    "Band: the tip error that is proven at every instant, for every plant of the set, to either side of the path; line "
-    "in it: the tip of the replayed episode. Both are magnified around the path. Bar: the largest tip error of that "
-    "episode as a share of the bound. The files were checked again when this report was made."
+    "Band: the proven bound on the tip error at every instant, for every plant of the set, to either side of the path. "
+    "Line in the band: the tip in the replayed episode. Both are magnified around the path. Bar: the largest tip error "
+    "of that episode as a share of the bound. The files were checked again when this report was made."
 )
 
 
@@ -71,7 +71,7 @@ def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> s
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
     sentences = "".join(f"<li>{escape(plain(check.claim.policy))}: {escape(check.sentence)}.</li>" for check in checks)
     return (
-        '<section aria-labelledby="tubes"><h2 id="tubes">Proven of the tip</h2>'
+        '<section aria-labelledby="tubes"><h2 id="tubes">Proven about the tip</h2>'
         f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(_TUBE_NOTE)}</p></section>'
     )
 
@@ -109,7 +109,7 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
 
     half = times * check.tip[:, np.newaxis] * across
     band = np.concatenate([path + half, (path - half)[::-1]])
-    title = f"{plain(check.claim.policy)}, set {check.claim.named_set(check.arm)}: errors {times:g} times"
+    title = f"{plain(check.claim.policy)}, set {check.claim.named_set(check.arm)}: errors magnified {times:g} times"
     svg = (
         f'<svg class="chart tube" role="img" viewBox="0 0 {_SIZE:g} {_SIZE:g}"><title>{escape(title)}</title>'
         f'<polygon class="band" points="{points(band)}"/><polyline class="path" points="{points(path)}"/>'

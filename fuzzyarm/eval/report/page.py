@@ -81,7 +81,8 @@ def _headline(ranked: Sequence[Standing], config: EvaluationConfig) -> str:
     if not best:
         return f"Every policy lost the path: {_named(lost)}."
     worst = " in the worst case" if len(config.cases) > 1 else ""
-    said = f"{_named(best)} {'errs' if len(best) == 1 else 'err'} least{worst}: {ranked[0].cells[0]} mm at the tip"
+    verb = "has" if len(best) == 1 else "have"
+    said = f"{_named(best)} {verb} the smallest error{worst}: {ranked[0].cells[0]} mm at the tip"
     average = " (interquartile mean over the seeds with its 95 % interval)" if config.seeds > 1 else ""
     return (
         f"{said}{f'; {_named(lost)} lost the path' if lost else ''}. "
@@ -116,7 +117,7 @@ def _notes(stored: Evaluation, stride: int) -> dict[str, str]:
         f"policies: {len(config.policies)}, cases: {len(config.cases)}",
         "sampling": f"Replay and curves show {samples} of seed 0 in single precision"
         + (", on a band from the smallest to the largest tip error of any seed" if several else "")
-        + "; charts and table are of the full data.",
+        + "; charts and table use the full data.",
         "glance_note": "" if stored.complete else " of the policies that finished; × ended early",
         "table_note": f"Medians over {config.seeds} seeds, with ranges." if several else "",
     }
@@ -132,5 +133,5 @@ def _made(stored: Evaluation) -> dict[str, str]:
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
         "commit": str(made["commit"] or "none"),
         "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
-        "report": f"fuzzyarm report, FuzzyArm {__version__}; this file fetches nothing",
+        "report": f"fuzzyarm report, FuzzyArm {__version__}; this page loads nothing from the network",
     }

@@ -37,5 +37,5 @@ def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) 
     if radius > 1.0 + _GROWTH:
         return f"{name}: {limited}its loop is unstable on this arm ({measured})"
     if limited:
-        return f"{name}: {limited}its loop is stable ({measured}), but the motion asks for more torque than there is"
+        return f"{name}: {limited}its loop is stable ({measured}), but the motors lack the torque for the motion"
     return None

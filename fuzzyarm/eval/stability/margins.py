@@ -175,8 +175,8 @@ def ends_in_words(ends: Mapping[str, float | None]) -> str:
     first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
     rest = f"; {', '.join(others)}" if others else ""
     unstable = any(radius is None or radius >= 1.0 for radius in ends.values())
-    way = "; measure that number before you run it" if unstable else ""
-    return f"at the ends of the ranges, spectral radius {first}, which decides{rest}{way}"
+    way = "; before you run it, measure the parameter with the worst end" if unstable else ""
+    return f"at the ends of the ranges: spectral radius {first}, the worst{rest}{way}"
 
 
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
@@ -244,10 +244,10 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     unstable = [name for name, radius in found["spectral_radius"].items() if radius is None or radius >= 1.0]
     if not unstable:
         return text
-    worst = "also in its nominal condition" if "nominal" in unstable else f"with {listed(unstable)}"
+    worst = "even in its nominal condition" if "nominal" in unstable else f"with {listed(unstable)}"
     return (
-        f"{text}\n\nWARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller "
-        f"is unstable {worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and look at the "
+        f"{text}\n\nWARNING: the proof is for the rigid arm; on the elastic, sampled arm this controller is "
+        f"unstable {worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and check the "
         "margins again before you run it."
     )
 
@@ -280,7 +280,7 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
         f"{method['postures']} postures of {path}: below 1, small deviations decay. Then the factors on the "
         "loop gain between which it stays below 1.",
         "A local measurement and not a proof: postures frozen, dry friction removed, deviations small. Each policy "
-        "keeps its nominal knowledge.",
+        "keeps its nominal model of the arm.",
     ]
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
@@ -290,7 +290,7 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
         missing: dict[str, list[str]] = {}
         for name, reason in row["reasons"].items():
             missing.setdefault(reason, []).append(f"'{_LIMITS[name][0] if name in _LIMITS else name}'")
-        notes += [f"{row['policy']}, no {' or '.join(names)}: {reason}" for reason, names in missing.items()]
+        notes += [f"{row['policy']} has no {' or '.join(names)}: {reason}" for reason, names in missing.items()]
     return notes
 
 

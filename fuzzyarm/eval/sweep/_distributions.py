@@ -39,7 +39,7 @@ QUANTITIES = {
     "damping": _Quantity("joint damping", arm_fields=("damping",)),
     "dry_friction": _Quantity("dry friction", arm_fields=("static_friction", "coulomb_friction")),
     "viscous_friction": _Quantity("viscous friction", arm_fields=("viscous_friction",)),
-    "payload": _Quantity("payload beside the case's", "kg"),
+    "payload": _Quantity("payload added to the case's", "kg"),
     "force": _Quantity("tip force", "× the case's"),
     "noise": _Quantity("encoder noise", f"× ({NOISE.position:g} rad, {NOISE.velocity:g} rad/s)"),
     "delay": _Quantity("control delay", "control periods"),

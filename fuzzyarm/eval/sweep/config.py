@@ -62,18 +62,18 @@ class SweepConfig:
         parameters: the two-joint arm that the plants are drawn around, and that the policies are loaded for.
         robot: another robot, instead of the two-joint arm.
         plants: number of plants; with a grid, in each of its cells.
-        seed: plant i of the sweep is drawn from seed + i. Sweeps whose seeds are closer than their number of plants
-            share plants.
+        seed: plant i of the sweep is drawn from seed + i. Two sweeps share plants if their seeds differ by less than
+            their number of plants.
         distribution: the distribution of the plants: nominal, plants, loads (plants with payload and tip force) or all
             (loads with encoder noise and delay).
         ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
         grid: set a quantity to NUMBER values from LOW to HIGH, equal in all joints; give it twice for a two-dimensional
             grid. The other quantities are drawn.
-        chunk: plants in a chunk, which one worker runs and one file holds.
+        chunk: number of plants in a chunk; one worker runs a chunk, and one file contains it.
         bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
         worst: number of worst plants listed for replay, of each policy in each case.
-        map: the two columns, such as payload and stiffness_1, that the heat maps of a sweep without a grid are over
-            (default: stiffness_1 and payload, or the first two that vary).
+        map: the two columns, such as payload and stiffness_1, that are the axes of the heat maps of a sweep without a
+            grid (default: stiffness_1 and payload, or the first two that vary).
 
     Raises:
         TypeError: a value is of the wrong type.

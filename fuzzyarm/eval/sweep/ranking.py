@@ -78,8 +78,8 @@ class _PlantStanding:
     def notes(standings: Sequence[Any]) -> str:
         """Return the sentence that explains the table of these standings."""
         return (
-            "Score: largest of the cases' 99 % quantiles of the largest tip error over the plants, with an interval of "
-            "95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last."
+            "Score: 99 % quantile of the largest tip error over the plants, in the worst case, with its 95 % interval. "
+            "Ended early: more than 1 % of the episodes of a case ended early; such policies rank last."
         )
 
 

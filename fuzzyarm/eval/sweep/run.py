@@ -78,11 +78,11 @@ class Sweep:
         """
         folder, config = path_of("folder", folder), instance("config", config, SweepConfig)
         if (folder / _RUN).exists():
-            raise ValueError(f"{folder} already holds a sweep: continue it with --resume, or choose another --out")
+            raise ValueError(f"{folder} already contains a sweep: continue it with --resume, or choose another --out")
         if any(folder.glob("chunks/[!.]*")):
             raise ValueError(
-                f"{folder / 'chunks'} holds results of a sweep whose {_RUN} is missing: remove this folder, or choose "
-                "another --out"
+                f"{folder / 'chunks'} contains results of a sweep whose {_RUN} is missing: remove this folder, or "
+                "choose another --out"
             )
         specs = resolve_all(config.policies, run_code=True)
         identity = _identity_of(config, specs)
@@ -111,7 +111,7 @@ class Sweep:
         """
         path, given = path_of("folder", folder) / _RUN, dict(given or {})
         if not path.is_file():
-            raise ValueError(f"{folder} holds no sweep to resume: {_RUN} is missing; start one without --resume")
+            raise ValueError(f"{folder} contains no sweep to resume: {_RUN} is missing; start one without --resume")
         config, then, digest = read_checked(path, SCHEMA, "start again in another folder", _begun)
         if digest != _digest_of(then):
             raise ValueError(f"{path} was changed after the sweep began: start again in another folder")
@@ -119,12 +119,12 @@ class Sweep:
         others = unrelated(f"{path} names code", config.policies, named)
         if others and [resolve(name).label for name in named] != config.labels:
             raise ValueError(
-                f"{folder} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: resume "
-                "it with its own policies, or choose another --out"
+                f"{folder} contains a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
+                "resume it with its own policies, or choose another --out"
             )
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
         if changed := _difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
-            raise ValueError(f"{folder} holds a sweep with other settings ({changed}): choose another --out")
+            raise ValueError(f"{folder} contains a sweep with other settings ({changed}): choose another --out")
         names = found_again(config.policies, then["policies"], named, Path(folder))
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
         if changed := _difference(then, _identity_of(config, specs)):

@@ -73,8 +73,8 @@ _LONGEST_DELAY, _TORQUE_CONSTANT = 2, 0.1  # periods; share
 _GROUPS = {"known": (0, 0), "unknown": (1, 0), "unknown, delayed and noisy": (1, 1)}
 _NOISE = EncoderNoise(position=1e-5, velocity=1e-3)  # rad, rad/s
 _NOTE = (
-    "Its margins are those of the loop with its adaptation frozen, which knows nothing of the change; it bears "
-    "other loops by adapting to them, which is tried on random arms and not measured by a margin."
+    "Its margins are those of the loop with its adaptation frozen, which does not react to the changed condition. The "
+    "policy copes with other loops by adapting to them, which is tried on random arms and not measured by a margin."
 )
 
 
@@ -162,8 +162,7 @@ def _feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
             kept.append(reference)
     if not kept:
         raise ValueError(
-            "the motors are too weak to carry the heaviest load along even one of the reference paths; raise "
-            "torque_limit"
+            "the motors are too weak to carry the heaviest load along any of the reference paths; raise torque_limit"
         )
     return tuple(kept)
 

@@ -82,7 +82,7 @@ def find_gains(context: Context) -> Found:
             break
         notes.append(f"No design with alpha = {alpha:g} 1/s meets the requirements on the sampled elastic arm.")
     else:
-        way = "fuzzyarm design requires less, and names the parameter of the arm that is in the way"
+        way = "fuzzyarm design requires less, and names the limiting parameter of the arm"
         return nothing(f"No design meets the requirements, down to alpha = {alpha:g} 1/s: {way}.", tried)
     best = equals[0]
     controller = design(best.wanted, arm).controller
@@ -149,7 +149,7 @@ def _equals_of(made: Sequence[_Made]) -> list[_Made]:
 def _equals_in_words(equals: Sequence[_Made]) -> str:
     """Return in a sentence what the float part of the bound decided between equally good designs, the best first."""
     if len(equals) == 1:
-        return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound had nothing to decide."
+        return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound was not needed."
     best, worst = (one.measured["tip_deviation_mm"] for one in (equals[0], equals[-1]))
     return (
         f"{len(equals)} designs have motor errors within {100 * WORTH:g} % of the smallest; with this one any friction "
@@ -205,5 +205,5 @@ def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float
             found[key] = 1e3 * find_bound(claim, policy=policy).largest
         except NoBound as error:
             found[key] = None
-            notes.append(f"No bound of the tip error is proven for {words}: {str(error).split(': ', 1)[1]}.")
+            notes.append(f"No bound on the tip error is proven for {words}: {str(error).split(': ', 1)[1]}.")
     return found, tuple(notes)

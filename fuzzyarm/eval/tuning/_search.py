@@ -136,7 +136,7 @@ class WeightSearch:
         except ValueError as error:
             return nothing(f"There are no gains: {error}.", self.total)
         if best.cost >= self.unfit:
-            notes = (*notes, "No weights have the margins that the rule asks for; these come nearest.")
+            notes = (*notes, "No weights have the margins that the rule requires; these come nearest.")
         usual = None if first.cost >= self.unfit else first.cost
         measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": usual}
         return Found(dataclasses.asdict(weights), measured, radii, self.total, notes)

@@ -99,16 +99,16 @@ def _check_strength(arm: AnyArm) -> None:
     joint = int(np.argmax(share))
     if share[joint] >= 1.0:
         raise ValueError(
-            f"the arm cannot hold itself: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m against "
-            f"gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or "
-            "lengths"
+            f"the arm cannot hold its own weight: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m "
+            f"against gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise this limit, or lower "
+            "masses or lengths"
         )
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
     """Return the arm of a folder whose tuning is resumed; ValueError without one, or if it is not `arm` (None: any)."""
     if not (folder / IN_FOLDER).is_file():
-        raise ValueError(f"{folder} holds no tuning to resume; leave out --resume")
+        raise ValueError(f"{folder} contains no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
     if arm is not None and robot_of(arm).digest != robot_of(own).digest:
         raise ValueError(f"{folder} was tuned for another arm; leave out --robot, or choose another folder")

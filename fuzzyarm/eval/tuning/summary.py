@@ -39,7 +39,7 @@ _WORDS = {  # and unit, by the name of a number
     "radius_worst_condition": ("largest spectral radius of all combinations", ""),
     "objective_mm": ("objective", "mm"),
     "tip_deviation_mm": ("tip deflected by any friction, linear", "mm"),
-    "tip_bound_mm": ("proven bound of the tip error with -tip", "mm"),
+    "tip_bound_mm": ("proven bound on the tip error with -tip", "mm"),
     "tip_bound_near_mm": ("for plants near the arm", "mm"),
     "objective_of_table_1_weights_mm": ("with the weights of Table 1", "mm"),
 }
@@ -70,7 +70,7 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
         f"# {name}, tuned",
         f"`fuzzyarm tune` chose the numbers of these policies for the arm of `robot.toml`, at a control period of "
         f"{1e3 * PERIOD:g} ms: by its default path, which takes {reference.duration:g} s, and by margins on the "
-        f"sampled elastic arm, with up to {heaviest(arm):g} kg at the tip. No case with loads was looked at.",
+        f"sampled elastic arm, with up to {heaviest(arm):g} kg at the tip. No case with loads was used.",
         f"```\nfuzzyarm evaluate --robot {folder}\nfuzzyarm margins --robot {folder}\n"
         f"fuzzyarm sweep --robot {folder} --out sweep\n```",
         "## Decisions",
@@ -82,19 +82,19 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
         parts.append(f"{finding.rule} Candidates: {finding.tried}.{measured}")
         parts += [f"Note: {note}" for note in finding.notes if finding.chosen is not None]
         if finding.chosen is not None and finding.unstable:
-            parts.append(f"Not stable, as it is measured: {', '.join(finding.unstable)}.")
+            parts.append(f"Not stable in these conditions (measured): {', '.join(finding.unstable)}.")
     headings, cells = margin_cells(margins["rows"])
     head, *rows = zip(headings, *cells, strict=True)  # a column for each policy
     proven = "Nothing: no controller file of this folder is proven."
     if any(finding.policy == FUZZY and finding.chosen is not None for finding in findings):
         proven = (
             f"{FUZZY}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous time; "
-            f"`fuzzyarm verify {FUZZY}.json` proves it again and says what it means. Nothing is proven of the others."
+            f"`fuzzyarm verify {FUZZY}.json` proves it again and says what it means. Nothing is proven for the others."
         )
     parts += ["## Margins", Sheet(head, rows).markdown(), *margin_notes(margins), "## Proven", proven]
     parts += [_bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
     if not isinstance(arm, ArmParameters):
-        parts.append("Nothing is proven of the tip: `fuzzyarm prove` supports only two-joint arms.")
+        parts.append("Nothing is proven for the tip: `fuzzyarm prove` supports only two-joint arms.")
     return "\n\n".join(filter(None, parts)) + "\n"
 
 

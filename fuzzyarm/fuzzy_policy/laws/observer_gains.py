@@ -168,8 +168,8 @@ def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, w
     for place, gain in zip(schedule.places, gains, strict=True):
         if not np.isfinite(gain).all():
             raise ValueError(
-                f"no gains at {place} for control_period = {control_period!r} s, {weights} and this arm (the Riccati "
-                "equation has no accurate solution): choose a shorter period or other weights"
+                f"found no gains at {place} for control_period = {control_period!r} s, {weights} and this arm: the "
+                "Riccati equation has no accurate solution; choose a shorter period or other weights"
             )
     return gains
 

@@ -159,7 +159,7 @@ class Drive(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
-        """Return the torques of all uncertain constants, with those of the dry friction by the plans of both motors."""
+        """Return the torques of all uncertain constants, with those of the dry friction by the plans of the motors."""
         drive, channels = Drive(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None

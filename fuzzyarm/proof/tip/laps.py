@@ -88,7 +88,7 @@ class StartBox:
     def columns(self, joints: int, numbers: int, memory: int) -> np.ndarray:
         """Return the columns (numbers, 8 + memory) of the box, for a policy that remembers `memory` numbers."""
         if isinstance(self.memory, tuple) and len(self.memory) != memory:
-            raise ValueError(f"memory has {len(self.memory)} numbers; this policy remembers {memory}")
+            raise ValueError(f"memory has {len(self.memory)} numbers; this policy needs {memory}")
         for name in _UNITS:
             if isinstance(width := getattr(self, name), tuple) and len(width) != joints:
                 raise ValueError(f"{name} has {len(width)} numbers; this arm has {joints} joints")

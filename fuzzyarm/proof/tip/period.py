@@ -82,7 +82,7 @@ class Period:
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
-            raise NoBound("the set has any friction, but a friction plan of the file assumes a friction law")
+            raise NoBound("the set allows any friction, but a friction plan of the file assumes a friction law")
         try:
             return self._closed(start, known, list(claim.plans), claim.tube)
         except PlanFails as failed:
@@ -146,7 +146,7 @@ class Period:
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[self._rows.link].sum(axis=0) * torques))
         raise NoBound(
-            f"the tube does not close: the torque {torques[worst]:.3g} on {self._name(worst)} grows with the tube"
+            f"no tube was found: the wider it is, the larger the torque {torques[worst]:.3g} on {self._name(worst)}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
@@ -231,7 +231,7 @@ class Period:
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
-        """Return bounds of both motors' velocities at the end."""
+        """Return bounds of the motors' velocities at the end."""
         found, ends = list[Speed](), self.motion.at(1)[self._rows.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)

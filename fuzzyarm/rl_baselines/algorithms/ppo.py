@@ -38,7 +38,7 @@ class PPOConfig(TrainingConfig):
     learning_rate: float = 3e-4
     """Learning rate of Adam at the beginning."""
     final_learning_rate: float = 1e-5
-    """Learning rate of Adam at the end; in between it falls linearly."""
+    """Learning rate of Adam at the end; in between, the rate falls linearly."""
     gamma: float = 0.99
     """Discount factor of a step (0 to 1)."""
     gae_lambda: float = 0.95
@@ -56,7 +56,7 @@ class PPOConfig(TrainingConfig):
     log_std_init: float = 0.0
     """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
     asymmetric_critic: bool = False
-    """Show the value function what no sensor measures: errors of tip and links, force, plant and payload."""
+    """Give the value function also what no sensor measures: errors of tip and links, force, plant and payload."""
     smoothness: float = 0.0
     """Coefficient of the smoothness of actions in the loss (CAPS): mean square of the difference of the policy's means
     at the features and at these plus noise of 0.05."""

@@ -96,11 +96,11 @@ def test_the_static_torque_itself_holds_without_an_event_and_more_breaks_away(di
 def test_too_many_events_name_time_and_state(monkeypatch):
     monkeypatch.setattr(event_integrator, "_MAX_EVENTS", 1)
     start, torque, seconds, _ = EVENTS["many"]
-    with pytest.raises(RuntimeError, match=r"more than 1 times before t = .* s, state \["):
+    with pytest.raises(RuntimeError, match=r"more than 1 times before t = .* s, in state \["):
         solve(start, torque, seconds)
 
 
 @pytest.mark.parametrize("begin", [-1.0, 1e-4])
 def test_solver_failure_names_time_and_state(begin):
-    with pytest.raises(RuntimeError, match=r"failed at t = .* s, state \[.*step size"):
+    with pytest.raises(RuntimeError, match=r"failed at t = .* s, in state \[.*step size"):
         solve(SWINGING, (0.0, 0.0), 1e-3, force=lambda t: (np.nan, 0.0) if t > begin else (0.0, 0.0))

@@ -83,7 +83,7 @@ def test_what_a_model_says_is_what_mujoco_computes(tmp_path, parts):
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"joint": 'stiffness="300" springref="0.5"'}, "stiffness of joint 'j2' has no equation here: take it out"),
+        ({"joint": 'stiffness="300" springref="0.5"'}, "stiffness of joint 'j2' is not simulated: remove it"),
         ({"option": '<default><joint stiffness="5"/></default>'}, "stiffness of joint 'j1'.*stiffness of joint 'j2'"),
         ({"joint": 'springdamper="0.2 1.5"'}, "springdamper of joint 'j2'"),
         ({"joint": 'ref="0.1"'}, "joint 'j2' has ref = 0.1"),
@@ -95,12 +95,12 @@ def test_what_a_model_says_is_what_mujoco_computes(tmp_path, parts):
         ({"option": '<option density="1.2"/>'}, "option density"),
         ({"option": '<option><flag damper="disable"/></option>'}, "the disabled flag damper"),
         ({"more": '<tendon><fixed name="t"><joint joint="j1" coef="1"/></fixed></tendon>'}, "tendon 't'"),
-        ({"more": f"<deformable>{FLEX}</deformable>"}, "flex has no equation"),
+        ({"more": f"<deformable>{FLEX}</deformable>"}, "flex is not simulated"),
         ({"more": '<equality><joint joint1="j1" joint2="j2"/></equality>'}, "joint 'j1' mimics 'j2'"),
         ({"more": '<equality><weld body1="hand"/></equality>'}, "closes the chain"),
         ({"more": '<actuator><position name="a" joint="j2" kp="9"/></actuator>'}, "law and limits of its actuator 'a'"),
         ({"more": '<actuator><motor name="a" joint="j2" gear="9"/></actuator>'}, r"add torque_limit to \[joints.j2\]"),
-        ({"more": '<actuator><motor name="a" site="s2"/></actuator>'}, "actuator 'a' has no equation"),
+        ({"more": '<actuator><motor name="a" site="s2"/></actuator>'}, "actuator 'a' is not simulated"),
         ({"more": '<actuator><motor name="a" joint="j2" armature="9"/></actuator>'}, "armature or damping of actuator"),
     ],
 )

@@ -33,10 +33,10 @@ WRONG = [
     (JOINT, {"angle_range": (1.0, 1.0)}, "joint 'elbow': angle_range = .* is empty"),
     (JOINT, {"velocity_limit": 0.0}, r"joint 'elbow': velocity_limit = 0.0 rad/s is out of range; allowed: \(0,"),
     (JOINT, {"link": None}, "joint 'elbow': link = None must be a"),
-    (JOINT, {"name": "two\nlines"}, "name = .* must be a text of one line"),
+    (JOINT, {"name": "two\nlines"}, "name = .* must be one line of text"),
     (LINK, {"mass": 0.0}, r"mass = 0.0 kg is out of range; allowed: \(0,"),
     (LINK, {"inertia": moments(0.1, 0.1, -0.1)}, "inertia has the principal moment -0.1 .* allowed: above 0"),
-    (LINK, {"inertia": moments(0.1, 0.1, 0.3)}, "the last above the sum of the others, which no body has"),
+    (LINK, {"inertia": moments(0.1, 0.1, 0.3)}, "the last above the sum of the others, which is impossible"),
     (LINK, {"inertia": ((0.1, 0.01, 0.0), *BALL[1:])}, "is not symmetric"),
     (DRIVE, {"motor_inertia": 0.0}, "motor_inertia = 0.0 kg m\\^2: .* rotor's inertia times the gear ratio squared"),
     (DRIVE, {"static_friction": 0.5}, "static_friction = 0.5 N m is below coulomb_friction"),
@@ -172,7 +172,7 @@ def test_urdf_with_an_overlay(tmp_path):
         (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the overlay"),
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
         (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is not a link or site"),
-        (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` names j9; the joints of the model are: j1, j2"),
+        (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` names j9; the model has the joints: j1, j2"),
         ('<include file="/etc/passwd"/>', "", ("j1",), "its <include> refers to another file"),
     ],
 )
@@ -193,7 +193,7 @@ def test_gravity_of_a_urdf_is_read_and_a_speed_of_0_is_none(tmp_path):
 @pytest.mark.parametrize("tag", ["turnGravityOff>true", "springStiffness>30", "dampingFactor> 0.01", "gravity>false"])
 def test_physics_of_gazebo_is_refused(tmp_path, tag):
     gazebo, name = '<gazebo reference="b"><mu1>1</mu1>{}</gazebo>', tag.split(">")[0]
-    with pytest.raises(ValueError, match=f"{name} of <gazebo> has no equation here"):
+    with pytest.raises(ValueError, match=f"{name} of <gazebo> is not simulated"):
         read_robot(files(tmp_path, SECOND + gazebo.format(f"<{tag}</{name}>")))
     harmless = "<springStiffness>0.0</springStiffness><turnGravityOff>false</turnGravityOff><gravity>true</gravity>"
     read_robot(files(tmp_path, SECOND + gazebo.format(harmless)))

@@ -88,7 +88,7 @@ def test_spline_passes_its_waypoints_at_their_chord_lengths(points, closed):
         (lambda: Line((0.1, 0.2, 0.3, 0.4), (0.0, 0.0)), r"start = .* must be 2 real numbers"),
         (lambda: Line((0.1, 0.2, 0.3), (0.0, 0.0)), r"end = \(0.0, 0.0\) must be 3 real numbers"),
         (lambda: Spline(((0.1, 0.2, 0.3), (0.0, 0.0))), r"waypoints\[1\] = .* must be 3 real numbers"),
-        (lambda: Spline([(0.1, 0.2)]), r"waypoints holds 1 point\(s\); allowed: 2 or more"),
+        (lambda: Spline([(0.1, 0.2)]), r"waypoints has 1 point\(s\); allowed: 2 or more"),
         (lambda: Spline([(0.1, 0.2), (0.3, 0.4), (0.3, 0.4)]), r"waypoints\[1\] .* and waypoints\[2\] .* 0 m apart"),
         (lambda: Placed(Circle(), (0.0,) * 3, (1.0, 0.0, 0.0), (0.1, 1.0, 0.0)), "must be unit vectors at right"),
         (lambda: Placed(Circle(), (0.0,) * 3, (2.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "right angles; their lengths are"),

@@ -202,7 +202,7 @@ BAD = [
     ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, ValueError, r"posture: elbow\w* = 9 rad is out of range"),
     ({"orientation": "fixed"}, ValueError, r"orientation = 'fixed' is unknown; choose from: constant, free"),
     ({"path": FAR}, ValueError, r"starts out of reach: point \(2, 0, 0\) m is 2\.00\d* m .* comes within 1\.\d+"),
-    ({"robot": PLANAR, "path": BESIDE}, ValueError, r"planar-3r is planar: its tip cannot reach .* 0\.05 m beside its"),
+    ({"robot": PLANAR, "path": BESIDE}, ValueError, r"planar: its tip cannot reach .* 0\.05 m off its plane"),
 ]
 
 
@@ -266,7 +266,7 @@ def test_a_spline_beyond_a_limit_names_the_joint_and_the_way_out():
     ("waypoints", "error", "message"),
     [
         (3.0, TypeError, "waypoints = 3.0 must be a sequence of postures"),
-        ([(0.0,) * 6], ValueError, "waypoints holds 1 postures; allowed: 2 to"),
+        ([(0.0,) * 6], ValueError, "waypoints has 1 postures; allowed: 2 to"),
         ([(0.0,) * 6, (0.1,) * 5], ValueError, r"waypoints\[1\] = .* must be 6 real numbers"),
         ([(0.1,) * 6, (0.1,) * 6], ValueError, r"waypoints\[0\] and waypoints\[1\] are 0 rad apart"),
         ([(0.1,) * 6, ("up",) * 6], TypeError, r"waypoints\[1\]\[0\] = 'up' must be a real number"),

@@ -333,10 +333,11 @@ class Diverging:
 def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_on_the_page(tmp_path):
     run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
     said = (
-        "its path differs from that of the pass before from 0.003 s on, and it no longer expects the forces of that; "
-        "its filter diverged, or its torques swung, at 0.005 s, and its fallback acted since; "
-        "estimates that stood at an end of their range: joint stiffness (first at 0.001 s), "
-        "payload (first at 0.004 s, and at last)"
+        "from 0.003 s on, its path differs from that of the previous pass, and it no longer expects the forces "
+        "of that pass; "
+        "at 0.005 s, its filter diverged or its torques oscillated, and its fallback has acted since; "
+        "estimates that reached an end of their range: joint stiffness (first at 0.001 s), "
+        "payload (first at 0.004 s, and at the end)"
     )
     assert run.note == said
     row = row_of(run)

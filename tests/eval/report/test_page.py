@@ -119,8 +119,8 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
 def test_certificates_are_there_in_words(evaluation, text):
     assert "and not for the sampled elastic arm" in text and NOT_COVERED in text
     words = escape(evaluation.certificates["fuzzy-4"])
-    assert f"<summary>fuzzy-4: error decays at least as exp(−20 t)</summary><p>{words}</p>" in text
-    assert "Nothing is proven of the rigid arm: computed-torque." in text
+    assert f"<summary>fuzzy-4: error decays at least as fast as exp(−20 t)</summary><p>{words}</p>" in text
+    assert "Nothing is proven about the rigid arm with computed-torque." in text
 
 
 def headline(stored):
@@ -132,18 +132,21 @@ RULE = "Policies are ranked by their largest tip error over all cases"
 
 def test_the_sentence_names_the_leader_of_the_leaderboard(evaluation, folder, text):
     first, *_ = rank_policies([folder]).standings
-    said = f"{first.policy} errs least in the worst case: {first.cells[0]} mm at the tip. {RULE}."
+    said = f"{first.policy} has the smallest error in the worst case: {first.cells[0]} mm at the tip. {RULE}."
     assert headline(evaluation) == said and f'id="headline">{escape(said)}</p>' in text
 
 
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (lambda run: [run], "fuzzy-4 errs least: 3.90 mm at the tip. " + RULE + "."),
-        (lambda run: [run, scaled(run, "twin", 1.0)], "fuzzy-4 and twin err least: 3.90 mm at the tip. " + RULE + "."),
+        (lambda run: [run], "fuzzy-4 has the smallest error: 3.90 mm at the tip. " + RULE + "."),
+        (
+            lambda run: [run, scaled(run, "twin", 1.0)],
+            "fuzzy-4 and twin have the smallest error: 3.90 mm at the tip. " + RULE + ".",
+        ),
         (
             lambda run: [run, wild(run, "a", 700), scaled(run, "b", 0.1), wild(run, "c", 9)],
-            "b errs least: 0.390 mm at the tip; a and c lost the path. " + RULE + ".",
+            "b has the smallest error: 0.390 mm at the tip; a and c lost the path. " + RULE + ".",
         ),
         (lambda run: [wild(run, "a", 700), scaled(run, "far", 100.0)], "Every policy lost the path: a and far."),
     ],

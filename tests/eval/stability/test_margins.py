@@ -85,7 +85,7 @@ def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
     assert [heading for heading, cell in zip(headings[1:], cells, strict=True) if cell == "-"] == [PAYLOAD]
     with (console := Console(width=400)).capture() as printed:
         margins_table.print_margins(document, console)
-    assert f"computed-torque, no '{PAYLOAD}': no equilibrium" in " ".join(printed.get().split())
+    assert f"computed-torque has no '{PAYLOAD}': no equilibrium" in " ".join(printed.get().split())
 
 
 def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
@@ -161,4 +161,4 @@ def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words() ->
     hasty = FuzzyPolicy(dataclasses.replace(shipped.controller, gains=6.0 * shipped.controller.gains))
     assert "WARNING" not in margins_in_words(shipped, ArmParameters(), 1e-3)
     text = margins_in_words(hasty, ArmParameters(), 1e-3)
-    assert "WARNING: what is proven is proven for the rigid arm" in text and "raise --gamma" in text
+    assert "WARNING: the proof is for the rigid arm" in text and "raise --gamma" in text

@@ -117,7 +117,7 @@ def cut(folder):
 @pytest.mark.parametrize(
     ("change", "words", "expected"),
     [
-        (lambda folder: None, QUICK, "already holds a sweep"),
+        (lambda folder: None, QUICK, "already contains a sweep"),
         (lambda folder: None, ["--resume", "--plants", "7"], "choose another --out"),
         (lambda folder: None, ["--resume", "--policy", "fuzzy-2"], "choose another --out"),
         (lambda folder: None, ["--resume", "--robot", "cicese"], "with other settings ("),

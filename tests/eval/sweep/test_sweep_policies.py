@@ -86,7 +86,7 @@ def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys
         assert f"add --policy {policy}" in error and error.count("\n") == 1
     assert imported.read_text() == ""  # nothing was imported
     assert main(["sweep", "--resume", "--policy", policy, "--policy", "fuzzy-2", "--out", "sweep"]) == 2
-    assert "holds a sweep with policies" in capsys.readouterr().err
+    assert "contains a sweep with policies" in capsys.readouterr().err
     for named in ([policy], [policy, "fuzzy-1"]):
         words = [word for name in named for word in ("--policy", name)]
         assert main(["sweep", "--resume", *words, "--out", "sweep"]) == 0

@@ -63,7 +63,7 @@ def test_a_tuning_writes_a_whole_folder(tmp_path, calls, capsys, few_postures):
     assert set(files) == {"robot.toml", NAME, "README.md", "steps/computed-torque.json", "steps/elastic-observer.json"}
     assert [row["policy"] for row in rows] == ["computed-torque", "computed-torque-tip"]
     page = files["README.md"].decode()
-    assert "bandwidth 40 rad/s" in page and "Not stable, as it is measured: 5 kg payload." in page
+    assert "bandwidth 40 rad/s" in page and "Not stable in these conditions (measured): 5 kg payload." in page
 
 
 def test_an_interrupted_tuning_goes_on_to_the_same_folder(tmp_path, calls, quick_margins, monkeypatch, capsys):
@@ -102,7 +102,10 @@ def test_what_cannot_be_tuned_is_refused_in_one_line(tmp_path, calls, quick_marg
         assert main(["tune", *words]) == 2
         return one_line_error(capsys)
 
-    assert "cannot hold itself: joint 1 needs" in refused("--robot", str(weak), "--out", str(out)) and not out.exists()
+    assert (
+        "cannot hold its own weight: joint 1 needs" in refused("--robot", str(weak), "--out", str(out))
+        and not out.exists()
+    )
     assert "no tuning to resume" in refused("--out", str(out), "--resume") and not out.exists()
     assert main(["tune", "--out", str(out), "--jobs", "1"]) == 0
     assert "add --resume" in refused("--out", str(out))

@@ -110,7 +110,7 @@ def test_an_object_with_a_state_of_its_own_is_a_guest_and_its_first_failure_is_a
     policy = shielded("fuzzy-4-tip", Own(), MARGIN)
     with pytest.warns(
         RuntimeWarning,
-        match="the law acts alone, as its guest failed: Own: predict failed.*is gone",
+        match="the guest failed, so the law acts alone: Own: predict failed.*is gone",
     ):
         torque, own, _ = _rollout(policy, steps=3, beside=law)
     np.testing.assert_allclose(torque - own, [[4.0, 2.0], [4.0, 2.0], [0.0, 0.0]], atol=1e-9)

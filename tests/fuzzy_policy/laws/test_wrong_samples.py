@@ -46,7 +46,7 @@ def refused(policy, state):
     huge[1, 7] = 1e300
     parts = vars(state) if dataclasses.is_dataclass(state) else {"memory": state}
     before = copy.deepcopy(parts)
-    with pytest.raises(ValueError, match=r"^the policy has no finite torque .* with a number of magnitude 1e\+300"):
+    with pytest.raises(ValueError, match=r"^the policy gives no finite torque .* with a number of magnitude 1e\+300"):
         policy.predict(huge, state)
     assert identical(parts, before)
 
@@ -78,7 +78,7 @@ def test_what_is_no_state_is_refused_by_name():
         ),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), "must be the PassState"),
         (LEARNING.begin_pass, None, "= None must be the LearnedTorque that predict"),
-        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "has a memory of 2 lanes; the observation has 1"),
+        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "is for 2 lanes, but the observation has 1"),
     ):
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
             use(state)

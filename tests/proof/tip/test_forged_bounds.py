@@ -16,7 +16,11 @@ from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.proof.tip.transition import ROW_COUNT
 
 STEPS, AT = 8, 5
-LEFT, LARGER, ERRS = "may leave the claimed tube, in row", "a bound of the tip is larger", "the tip may err by"
+LEFT, LARGER, ERRS = (
+    "may leave the claimed tube, in row",
+    "a bound on the tip error is larger",
+    "the tip error may reach",
+)
 PLANTS = PlantSet(
     mass=(0.998, 1.002), motor_inertia=(0.995, 1.005), stiffness=(0.99, 1.01), damping=(0.95, 1.05),
     dry_friction=(0.9, 1.1), viscous_friction=(0.9, 1.1), payload=(0.0, 0.01), force=(0.99, 1.01), force_swing=0.01,

@@ -143,7 +143,7 @@ def test_a_box_of_starts_is_in_the_file_and_a_wider_one_is_refused(boxed, tmp_pa
         path.write_text(json.dumps(content | wrong))
         assert main(["verify", str(path)]) == 2
     path.write_text(json.dumps(content | {"whole": [0.99 * x for x in content["whole"]]}))
-    assert check_bound(path).reason == "a bound of the tip is larger than the file says"
+    assert check_bound(path).reason == "a bound on the tip error is larger than the file says"
 
 
 @pytest.mark.slow

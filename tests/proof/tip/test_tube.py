@@ -144,11 +144,11 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     sound = json.loads(out.read_text())
     first, second = sound["cells"]
     for change, why in (
-        ({"cells": [second]}, "no cell holds payload from 0 to 0.1"),
-        ({"cells": [first]}, "no cell holds payload from 0.1 to 0.2"),
-        ({"bound": 0.5 * sound["bound"]}, "the tip may err"),
-        ({"case": "payload"}, "states another claim than this file"),
-        ({"samples": 5}, "states another claim than this file"),
+        ({"cells": [second]}, "no cell covers payload from 0 to 0.1"),
+        ({"cells": [first]}, "no cell covers payload from 0.1 to 0.2"),
+        ({"bound": 0.5 * sound["bound"]}, "the tip error may reach"),
+        ({"case": "payload"}, "has a different claim from this file"),
+        ({"samples": 5}, "has a different claim from this file"),
     ):
         out.write_text(json.dumps(sound | change))
         assert main(["verify", str(out), "--json"]) == 1

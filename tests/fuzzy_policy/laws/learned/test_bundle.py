@@ -61,10 +61,10 @@ DAMAGES = (
     (edited("action", gate=1.0), "unknown field gate"),
     (edited("features", innovation_times=[0.1]), "unknown field innovation_times"),
     (edited(curve="up"), "Expected `array`, got `str` at `curve"),
-    (resealed(**{"layer0.bias": np.full(16, np.inf, np.float32)}), "layer 0: bias holds numbers that are not finite"),
+    (resealed(**{"layer0.bias": np.full(16, np.inf, np.float32)}), "layer 0: bias contains numbers that are not fin"),
     (resealed(**{"layer0.bias": np.zeros(16)}), "layer0.bias is float64"),
     (resealed(**{"layer1.weight": np.zeros((8, 15), np.float32)}), r"layer 1: weight has shape \(8, 15\)"),
-    (resealed(save({"w": np.zeros(3, np.float32)})), "holds w; needed"),
+    (resealed(save({"w": np.zeros(3, np.float32)})), "contains w; needed"),
     (resealed(b"\x80\x04."), "weights.safetensors is damaged"),
 )
 

@@ -108,9 +108,9 @@ class EstimateNetwork:
         for field in dataclasses.fields(self):
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
-            raise ValueError(f"U has {self.hidden} rows, and P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
+            raise ValueError(f"U has {self.hidden} rows and P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY} each")
         if len(self.V) == 0 or self.axes not in _AXES:
-            needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
+            needed = "for n joints, V needs n rows, and A needs 11 n + 4 or 11 n + 5 columns"
             raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, which fit no arm; {needed}")
         for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():
             object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
@@ -205,8 +205,8 @@ class EstimateBundle(Trained):
         joints = len(ArmParameters().length)
         if isinstance(self.arm, ArmParameters) and (self.network.joints, self.network.axes) != (joints, joints):
             raise ValueError(
-                f"it is for the two-joint arm, but its network is for {self.network.joints} joints and "
-                f"{self.network.axes} axes of the tip"
+                f"it is for the two-joint arm, but its network is for {self.network.joints} joints and a tip in "
+                f"{self.network.axes} axes"
             )
 
     def serves(self, arm: AnyArm) -> bool:
@@ -229,7 +229,7 @@ class EstimateBundle(Trained):
         def build(found: _Description, tensors: dict[str, np.ndarray], trained: Any) -> EstimateBundle:
             names = {field.name for field in dataclasses.fields(EstimateNetwork)}
             if set(tensors) != names:
-                raise ValueError(f"the weights hold {listed(tensors)}; needed: {', '.join(sorted(names))}")
+                raise ValueError(f"the weights are {listed(tensors)}; needed: {', '.join(sorted(names))}")
             if (found.arm is None) == (found.parameters is None):
                 raise ValueError("it must name one arm: give either parameters or arm")
             arm = found.arm or ArmParameters.from_dict(found.parameters or {})
