@@ -101,7 +101,8 @@ class TipClaim:
         """Return the motion: the arm's default reference along the path, in the claimed duration."""
         reference = default_reference(arm, self.path) if self.points is None else self.points.reference(arm)
         assert isinstance(reference, PathReference)
-        return dataclasses.replace(reference, duration=self.duration)
+        moved: Any = dataclasses.replace(reference, duration=self.duration)  # type: ignore[type-var]
+        return moved  # type: ignore[no-any-return]
 
     def motion(self, count: int) -> str:
         """Return start, instants, path and case in words, of a bound of `count` control steps."""

@@ -342,10 +342,11 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
             )
         policy = load_policy(without_guest(claim.policy)[0], control_period=PERIOD, robot=claim.arm)
         physics = equations_of(policy.parameters)
-        at, begins = layout(physics.joints, physics.axes), [None, *(lap.begin.checked() for lap in document.later)]
+        at, laps = layout(physics.joints, physics.axes), list[_Document | _Lap]((document, *document.later))
+        begins = [None, *(lap.begin.checked() for lap in document.later)]
         claims = [
             LapClaim([[_claimed(part, at) for part in step] for step in lap.steps], begin)
-            for lap, begin in zip((document, *document.later), begins, strict=True)
+            for lap, begin in zip(laps, begins, strict=True)
         ]
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None

@@ -16,6 +16,7 @@ from unittest import mock
 
 import numpy as np
 
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip import tube as tube_module
 from fuzzyarm.proof.tip.centre import Centre, Mode, Segment
@@ -104,15 +105,16 @@ class _Tube(Tube):
                 if parameter.kind in ("stiffness", "damping", "motor_inertia")
             }
             arm = arm._replace(**{name: getattr(arm, name) + more for name, more in moved.items()})
-        self._centre = _Centre(arm, attack, rng)
+        self._centre = _Centre(arm, problem.plant.physics, attack, rng)
 
 
 class _Centre(Centre):
     """A centre with the modes, parts and coefficients of an attack."""
 
-    def __init__(self, arm: Any, attack: Attack, rng: np.random.Generator) -> None:
-        super().__init__(arm, PERIOD)
+    def __init__(self, arm: Any, physics: Physics, attack: Attack, rng: np.random.Generator) -> None:
+        super().__init__(arm, PERIOD, physics)
         self._attack, self._rng = attack, rng
+        self._static = [own.dry_friction.static_friction for own in self._drives]
 
     def segments(
         self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, drags: Sequence[float | None]

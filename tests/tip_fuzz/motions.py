@@ -43,7 +43,7 @@ def simulated(
     box = (
         np.zeros((8 + problem.law.memory, 0))
         if claim.start is None
-        else claim.start.columns(8 + problem.law.memory, problem.law.memory)
+        else claim.start.columns(2, 8 + problem.law.memory, problem.law.memory)
     )
     begun = [box @ sample.start[: box.shape[1]] for sample in samples]
     states = [tuple((problem.start + start[:8]).tolist()) for start in begun]
@@ -57,7 +57,9 @@ def simulated(
         measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[number] for sample in samples])
         seen = np.hstack([measured, np.repeat(table.references[k : k + 1], len(samples), axis=0)])
         asked, memory = policy.predict(seen, memory)
-        asked = np.array(asked, dtype=float) + problem.guest * np.array([sample.guest[number] for sample in samples])
+        asked = np.array(asked, dtype=float) + np.array(problem.guest or (0.0, 0.0)) * np.array(
+            [sample.guest[number] for sample in samples]
+        )
         acting = asked if waiting is None or not plants.late else waiting
         waiting = asked
         for i in lanes:

@@ -29,7 +29,8 @@ class Options:
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, ppo-residual or another learned
     policy, a controller file (.json, .json-tip), or a policy in a folder of fuzzyarm tune (DIR/fuzzy-4-tip)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Arm that the set is about: a robot by name (planar-3r), TOML file of a robot or of a two-joint arm, or a folder of fuzzyarm tune (default: the arm of the policy's file, otherwise Table 1)"""
+    """Arm that the set is about: a robot by name (planar-3r), the TOML file of a robot or of a two-joint arm, or a
+    folder of fuzzyarm tune (default: the arm of the policy's file, otherwise Table 1)"""
     case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
     """Case: nominal, machining or payload"""
     set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"
@@ -124,7 +125,7 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     arm, joints = problem.parameters, problem.plant.physics.joints
     if joints != JOINTS and any(name.partition("-")[0] in BY_JOINT for name, _ in divisions):
         raise UsageError(
-            f"--cells of a robot with {joints} joints must be of payload or force, not of a joint's factor"
+            f"--cells of a robot with {joints} joints must be payload or force, not a factor of each joint"
         )
     with progress("cells", sum(1 for _ in cells(claim.plants, divisions))) as advance:
         for parts in bounds_of_cells(claim, divisions, jobs, options.out):
