@@ -16,7 +16,7 @@ from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.common.checks import choice, instance, real, reals, whole
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.equations import AnyArm, argument_of
+from fuzzyarm.envs.physics.equations import AnyArm, argument_of, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import case_for
@@ -241,7 +241,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
     parameters, joints = policy.parameters, policy.joints
     case, reference = case_for(claim.case, parameters), claim.reference(parameters)
-    schedule = Schedule.build(reference, case.disturbance, PERIOD)
+    schedule = Schedule.build(reference, case.disturbance, PERIOD, equations_of(parameters).axes)
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
