@@ -22,6 +22,7 @@ from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics import dynamics
 from fuzzyarm.envs.physics.friction import dry_friction_of, stribeck_magnitude
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.export.c_files import c_name
@@ -76,12 +77,13 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     that of `export_onnx`.
 
     Raises:
-        ValueError: the problem has a load of a case, sensor errors, a delay, friction of any course, or a guest; or
-            `export_onnx` refuses the policy.
+        ValueError: the problem has a robot other than a two-joint arm, a load of a case, sensor errors, a delay,
+            friction of any course, or a guest; or `export_onnx` refuses the policy.
         OSError: a file exists or cannot be written.
     """
     plants = problem.plants
     odd = {
+        "a robot other than a two-joint arm": not isinstance(problem.parameters, ArmParameters),
         "the load of a case": problem.schedule.disturbance != Disturbance(),
         "friction that varies arbitrarily": plants.friction == "any",
         "encoder errors": any(plants.noise),
@@ -91,7 +93,7 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     }
     if unknown := [words for words, found in odd.items() if found]:
         raise ValueError(
-            f"an automaton cannot model {' or '.join(unknown)}; choose another set of plants, or the law without a "
+            f"an automaton cannot model {' or '.join(unknown)}; choose another set of plants or arm, or the law without a "
             "shield"
         )
     ranges = {f"{field}{j + 1}": plants.of_joint(field, j) for field in _FACTORS for j in range(JOINTS)}
@@ -147,6 +149,7 @@ def _xml(problem: Problem, constants: list[str]) -> str:
 
 def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[str], Any]:
     """Return u - Γ_t and F(0) of each motor, and the function that returns the flows of a location."""
+    assert isinstance(problem.parameters, ArmParameters)
     plant, factors = dynamics.plant_of(problem.parameters), {name: _Text(name) for name in constants}
     for field, names in _FACTORS.items():
         own = [factors[f"{field}{j + 1}"] for j in range(JOINTS)]

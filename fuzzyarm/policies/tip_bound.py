@@ -16,13 +16,14 @@ from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.common.checks import choice, instance, real, reals, whole
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.equations import AnyArm, argument_of, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import LONGEST, default_reference
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.paths import SHAPES
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import PathReference
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.spec import any_guest, load_policy, without_guest
 from fuzzyarm.proof.tip.centre import Segment
@@ -31,13 +32,11 @@ from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import SETS, BallPlant, PlantSet, check_set_name, exactly
 from fuzzyarm.proof.tip.sampled_law import SampledLaw
-from fuzzyarm.proof.tip.transition import STATES
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 from fuzzyarm.proof.tip.zonotope import SOURCES
 
 __all__ = [
-    "PERIOD", "LapClaim", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain",
-    "problem_of", "two_joint_arm",
+    "PERIOD", "LapClaim", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain", "problem_of",
 ]  # fmt: skip
 
 _PATHS = tuple(SHAPES)  # paths of the tip by name
@@ -73,13 +72,13 @@ class TipClaim:
     steps: int | None = None
     laps: str = "one"
     start: StartBox | None = None
-    arm: ArmParameters | None = None
+    arm: AnyArm | None = None
     points: GivenPath | None = None
 
     def __post_init__(self) -> None:
         """Check every field except the names of policy and case; ValueError names the field and allowed values."""
         kinds: dict[str, type] = {"policy": str, "case": str, "set_name": str, "plants": PlantSet}
-        own: dict[str, type] = {"start": StartBox, "arm": ArmParameters, "points": GivenPath}
+        own: dict[str, type] = {"start": StartBox, "arm": _kind_of(self.arm), "points": GivenPath}
         kinds |= {name: kind for name, kind in own.items() if getattr(self, name) is not None}
         for name, kind in kinds.items():
             instance(name, getattr(self, name), kind)
@@ -98,11 +97,12 @@ class TipClaim:
         """Number of control steps of a lap."""
         return math.ceil(self.duration / PERIOD - 1e-9)
 
-    def reference(self, arm: ArmParameters) -> JointReference:
+    def reference(self, arm: AnyArm) -> PathReference:
         """Return the motion: the arm's default reference along the path, in the claimed duration."""
         reference = default_reference(arm, self.path) if self.points is None else self.points.reference(arm)
-        assert isinstance(reference, JointReference)
-        return dataclasses.replace(reference, duration=self.duration)
+        assert isinstance(reference, PathReference)
+        moved: Any = dataclasses.replace(reference, duration=self.duration)  # type: ignore[type-var]
+        return moved  # type: ignore[no-any-return]
 
     def motion(self, count: int) -> str:
         """Return start, instants, path and case in words, of a bound of `count` control steps."""
@@ -117,11 +117,15 @@ class TipClaim:
         beside = f", whatever a guest adds to the torques within ± {guest} N m" if guest else ""
         return f"at every instant of {steps} {along}, {start}{beside}"
 
-    def named_set(self, arm: ArmParameters) -> str:
+    def named_set(self, arm: AnyArm) -> str:
         """Return the name in `SETS` of the set, else its ranges in words; `arm` is the one in its middle."""
         if self.plants == PlantSet() and arm != ArmParameters():
             return "of one plant"
         return _known(self.plants) or f"with {self.plants.in_words()}"
+
+
+def _kind_of(arm: object) -> type:
+    return Robot if isinstance(arm, Robot) else ArmParameters
 
 
 def _known(plants: PlantSet) -> str | None:
@@ -152,7 +156,7 @@ class TipBound(_Lap):
     """A proven bound on the tip error: of the first lap, and of later ones."""
 
     claim: TipClaim  # for which it is proven
-    arm: ArmParameters  # in the middle of the set
+    arm: AnyArm  # in the middle of the set
     seconds: float  # duration of the proof
     later: tuple[_Lap, ...] = ()  # the second lap and so on; the last of them is every later one
 
@@ -211,35 +215,33 @@ def plain(name: str) -> str:
     return ascii(name)[1:-1]
 
 
-def arm_in_words(arm: ArmParameters) -> str:
-    """Return an arm in words: Table 1's, or one with all the numbers that differ from Table 1."""
+def arm_in_words(arm: AnyArm) -> str:
+    """Return an arm in words: Table 1's, or one with all the numbers that differ from Table 1; a robot by its numbers.
+
+    A robot has its name only where all its numbers are those of the shipped robot of this name.
+    """
+    if isinstance(arm, Robot):
+        known = next((name for name in shipped_robots() if robot_named(name).digest == arm.digest), None)
+        return f"the robot {known}" if known else f"a robot of {len(arm)} joints, numbers {arm.digest[:16]}"
     own = {f: getattr(arm, f.name) for f in dataclasses.fields(arm) if getattr(arm, f.name) != f.default}
     numbers = ", ".join(f"{f.name} = {value} {f.metadata['unit']}" for f, value in own.items())
     return f"an arm with {numbers} instead of Table 1's" if own else "the arm of Table 1"
 
 
-def own_duration(policy: str, arm: ArmParameters | None, path: str, points: GivenPath | None) -> float:
+def own_duration(policy: str, arm: AnyArm | None, path: str, points: GivenPath | None) -> float:
     """Return the duration [s] of the motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
     choice("path", path, _PATHS)
-    arm = two_joint_arm(load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm))
+    arm = load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm).parameters
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration
-
-
-def two_joint_arm(policy: Policy) -> ArmParameters:
-    """Return the arm of a policy; `NoBound` unless it is a two-joint arm."""
-    parameters = policy.parameters
-    if not isinstance(parameters, ArmParameters):
-        raise NoBound(f"there is no bound for a robot with {len(parameters)} joints; choose a two-joint arm")
-    return parameters
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     """Return the problem that proves a claim; `policy` replaces the one of the claim's name, for one without a name."""
     law, guest = without_guest(claim.policy)
     policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
-    parameters = two_joint_arm(policy)
+    parameters, joints = policy.parameters, policy.joints
     case, reference = case_for(claim.case, parameters), claim.reference(parameters)
-    schedule = Schedule.build(reference, case.disturbance, PERIOD, axes=2)
+    schedule = Schedule.build(reference, case.disturbance, PERIOD, equations_of(parameters).axes)
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
@@ -259,11 +261,11 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
             "the law remembers references for longer than a lap, so that its second lap differs from its third; choose "
             "laps = one"
         )
-    _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
+    _, info = FuzzyArmEnv(claim.case, reference=reference, **argument_of(parameters)).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     if claim.start is not None:
-        claim.start.columns(STATES + sampled.memory, sampled.memory)
-    margin = reals("margin", guest, JOINTS, "N m", above=0.0) if guest else (0.0,) * JOINTS
+        claim.start.columns(joints, 4 * joints + sampled.memory, sampled.memory)
+    margin = reals("margin", guest, joints, "N m", above=0.0) if guest else ()
     return Problem(parameters, start, reference, schedule, PERIOD, sampled, claim.plants, plant, claim.start, margin)
 
 

@@ -5,7 +5,8 @@ shortest decimal that identifies it, so it is read back exactly. Fields of both:
 
     schema          fuzzyarm-tip-bound/2, of cells fuzzyarm-tip-cells/3
     policy, case    names
-    arm             fields of `ArmParameters` for which the policy is loaded; null: those that its name stands for
+    arm             fields of `ArmParameters` or `Robot` for which the policy is loaded; null: those that its name
+                    stands for
     set_name        a label
     plants          fields of `PlantSet`
     path            name of the path
@@ -20,7 +21,7 @@ of a single bound:
     files           SHA-256 of the policy's files, by name
     tip             bounds of the tip error at the end of control steps 1 to n <= N of the first lap [m]
     whole           the same at every instant of each step, its ends included [m]
-    steps           of each step its segments: duration [s]; modes and plans of both motors; angles (4, 8) [rad], the
+    steps           of each step its segments: duration [s]; modes and plans of the motors; angles (4, 8) [rad], the
                     coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2; end (8,), its end; tube (18,)
     later           with laps "ever" one or more laps: `tip`, `whole` and `steps` as above, n = N; and `begin`, the set
                     x = c + C π + G g in which the lap begins, |g_i| <= 1, π: the factors of the uncertain constants.
@@ -49,10 +50,11 @@ from fuzzyarm.common.checks import finite_array, instance, path_of, real
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import PathReference
 from fuzzyarm.policies.spec import load_policy, resolve, without_guest
 from fuzzyarm.policies.tip_bound import (
     PERIOD,
@@ -62,7 +64,6 @@ from fuzzyarm.policies.tip_bound import (
     arm_in_words,
     find_bound,
     plain,
-    two_joint_arm,
 )
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
@@ -70,7 +71,7 @@ from fuzzyarm.proof.tip.friction import Plan
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import RANGES, SETS, PlantSet, check_set_name
-from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
+from fuzzyarm.proof.tip.transition import Layout, layout
 from fuzzyarm.proof.tip.tube import Step
 
 __all__ = ["BoundCheck", "CellBound", "check_bound", "is_bound", "save_bound", "save_cells"]
@@ -174,7 +175,8 @@ class _Claimed:
         if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
             check_set_name(self.set_name, plants)
         parts: dict[str, Any] = {
-            name: None if (at := getattr(self, name)) is None else record(at, kind) for name, kind in _RECORDS.items()
+            name: None if (at := getattr(self, name)) is None else record(at, Robot if "joints" in at else kind)
+            for name, kind in _RECORDS.items()
         }
         claim = TipClaim(
             self.policy, self.case, plants=plants, path=self.path, duration=self.duration, laps=self.laps, **parts
@@ -207,7 +209,7 @@ class BoundCheck:
 
     path: Path  # the file
     claim: TipClaim  # for which the file claims a bound
-    arm: ArmParameters  # in the middle of the set
+    arm: AnyArm  # in the middle of the set
     bound: float  # the claimed bound [m], or the one found now where that is larger by rounding
     reason: str  # why the claim is not proven; empty if it is
     seconds: float  # duration of the check
@@ -230,7 +232,7 @@ class BoundCheck:
         within = f"tip within {most} mm for set {c.named_set(self.arm)}, {said}"
         return f"{within} (elastic arm, {arm_in_words(self.arm)}; sampled control; {motion})"
 
-    def reference(self) -> JointReference:
+    def reference(self) -> PathReference:
         """Return the motion for which the bound holds."""
         return self.claim.reference(self.arm)
 
@@ -317,14 +319,14 @@ def check_bound(path: Path) -> BoundCheck:
     return (_check_cells if by_cells else _check_tube)(path, content)
 
 
-def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
+def _claimed(part: _Part, at: Layout) -> tuple[Segment, TubeClaim]:
     modes = tuple(Mode(m) for m in part.modes)
     plans = tuple(Plan(p) for p in part.plans)
-    if len(modes) != JOINTS or len(plans) != JOINTS:
-        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS} of each")
-    angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=_LARGEST)
-    end = finite_array("end", part.end, (STATES,), largest=_LARGEST)
-    tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=_LARGEST)
+    if len(modes) != at.joints or len(plans) != at.joints:
+        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {at.joints} of each")
+    angles = finite_array("angles", part.angles, (2 * at.joints, DEGREE + 1), largest=_LARGEST)
+    end = finite_array("end", part.end, (at.states,), largest=_LARGEST)
+    tube = finite_array("tube", part.tube, (at.row_count,), largest=_LARGEST)
     duration = real("duration", part.duration, "s", low=math.ulp(PERIOD), high=PERIOD)
     return Segment(angles, modes, duration, end), TubeClaim(tube, plans)
 
@@ -338,14 +340,17 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
             raise ValueError(
                 f"policy {document.policy} has changed since the bound was found; find it again with fuzzyarm prove"
             )
-        claims = [LapClaim([[_claimed(part) for part in step] for step in document.steps])]
-        claims += [
-            LapClaim([[_claimed(p) for p in step] for step in lap.steps], lap.begin.checked()) for lap in document.later
-        ]
         policy = load_policy(without_guest(claim.policy)[0], control_period=PERIOD, robot=claim.arm)
+        physics = equations_of(policy.parameters)
+        at, laps = layout(physics.joints, physics.axes), list[_Document | _Lap]((document, *document.later))
+        begins = [None, *(lap.begin.checked() for lap in document.later)]
+        claims = [
+            LapClaim([[_claimed(part, at) for part in step] for step in lap.steps], begin)
+            for lap, begin in zip(laps, begins, strict=True)
+        ]
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
-    arm = two_joint_arm(policy)
+    arm = policy.parameters
     begin, reason, bound = time.perf_counter(), "", document.bound
     try:
         found = find_bound(claim, claims=claims, policy=policy)

@@ -60,7 +60,7 @@ def _count(outcome: Outcome, whole: dict[str, Any], parts: dict[str, dict[str, d
     claim = outcome.claim
     kinds = {name: str(value) for name, value in dataclasses.asdict(outcome.attack).items()}
     kinds |= {"policy": claim.policy, "case": claim.case}
-    kinds |= {"friction": claim.plants.friction, "late": str(claim.plants.late)}
+    kinds |= {"friction": claim.plants.friction, "late": str(claim.plants.late), "later": str(bool(outcome.later))}
     counted = (parts.setdefault(name, {}).setdefault(value, dict(NOTHING)) for name, value in kinds.items())
     for one in (whole, *counted):
         one["tries"] += 1

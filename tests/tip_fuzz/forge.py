@@ -16,16 +16,18 @@ from unittest import mock
 
 import numpy as np
 
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip import tube as tube_module
 from fuzzyarm.proof.tip.centre import Centre, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan, Speed
+from fuzzyarm.proof.tip.laps import LapSet
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.tube import Problem, Tube
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
-from .sets import JOINTS, policy_of
+from .sets import JOINTS, Later, policy_of
 
 PLANS = {"own": 1, "monotone": 3, "mixed": 2, "slip": 1, "any": 1, "random": 3}
 CENTRES = {"own": 3, "corner": 3, "modes": 2, "shaken": 2, "aside": 2, "resting": 1, "dragged": 1}
@@ -71,11 +73,11 @@ def drawn_fine_attack(rng: np.random.Generator) -> Attack:
     )
 
 
-def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator) -> Claims:
-    """Return the tube of the first control steps of a claim, as many of them as close."""
+def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator, later: Later | None = None) -> Claims:
+    """Return the tube of the first control steps of a claim, or of a later lap, as many of them as close."""
     if claim.steps is not None and attack.division * claim.steps > MOST_PARTS:
         claim = dataclasses.replace(claim, steps=max(1, MOST_PARTS // attack.division))
-    problem = problem_of(claim, policy_of(claim.policy))
+    problem = later.problem if later else problem_of(claim, policy_of(claim.policy))
     found: Claims = []
 
     def period(*args: Any) -> Period:
@@ -83,7 +85,7 @@ def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator) -> Claims:
 
     with mock.patch.object(tube_module, "Period", period):
         try:
-            for step in _Tube(problem, attack, rng):
+            for step in itertools.islice(_Tube(problem, attack, rng, later and later.start), claim.steps):
                 claimed = [TubeClaim(closed.tube, closed.plans) for closed in step.closed]
                 found.append(list(zip(step.segments, claimed, strict=True)))
         except (ValueError, ZeroDivisionError, np.linalg.LinAlgError):
@@ -94,8 +96,8 @@ def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator) -> Claims:
 class _Tube(Tube):
     """A tube with another centre."""
 
-    def __init__(self, problem: Problem, attack: Attack, rng: np.random.Generator) -> None:
-        super().__init__(problem)
+    def __init__(self, problem: Problem, attack: Attack, rng: np.random.Generator, start: LapSet | None) -> None:
+        super().__init__(problem, start=start)
         arm = problem.plant.middle
         if attack.centre == "corner":
             moved = {
@@ -104,15 +106,16 @@ class _Tube(Tube):
                 if parameter.kind in ("stiffness", "damping", "motor_inertia")
             }
             arm = arm._replace(**{name: getattr(arm, name) + more for name, more in moved.items()})
-        self._centre = _Centre(arm, attack, rng)
+        self._centre = _Centre(arm, problem.plant.physics, attack, rng)
 
 
 class _Centre(Centre):
     """A centre with the modes, parts and coefficients of an attack."""
 
-    def __init__(self, arm: Any, attack: Attack, rng: np.random.Generator) -> None:
-        super().__init__(arm, PERIOD)
+    def __init__(self, arm: Any, physics: Physics, attack: Attack, rng: np.random.Generator) -> None:
+        super().__init__(arm, PERIOD, physics)
         self._attack, self._rng = attack, rng
+        self._static = [own.dry_friction.static_friction for own in self._drives]
 
     def segments(
         self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, drags: Sequence[float | None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,9 +21,11 @@ from .forge import Attack, Claims, drawn_attack, drawn_fine_attack, forged
 from .motions import Motion, even_stops, simulated
 from .sets import (
     CONSTANTS,
+    Later,
     Sample,
     bred_samples,
     drawn_claim,
+    drawn_later,
     drawn_light_claim,
     drawn_samples,
     drawn_start,
@@ -31,7 +34,7 @@ from .sets import (
 
 SAMPLES, BRED = 8, 3  # plants of the first round, and of the second for each of the two closest
 FINE = 5  # every how many tries the motors have little friction and the parts are short
-BOXED = 7  # every how many the motion begins in a box of starts
+BOXED = 7  # every how many the motion begins in a box of initial states, and as many in the set of a later lap
 FINER = 4, 16  # times more sub-steps for a plant that seems to leave its tube
 INSIDE = (0.05, 0.5, 0.95, 1.0)  # of a segment: where nodes of a motion are, beside those at equal distances
 ROUNDING = np.repeat([1e-13, 1e-11, 1e-13, 1e-11, 1e-8, 1e-8], [4, 4, 2, 2, 2, 4])
@@ -48,6 +51,7 @@ class Outcome:
     number: int
     claim: TipClaim  # for the steps that were accepted
     attack: Attack
+    later: Later | None = None  # what is attacked in place of the first lap
     accepted: int = 0  # control steps that the checker accepts
     tip: float = 0.0  # of tip errors to their bounds
     tube: float = 0.0  # of deviations to the tube, over all rows
@@ -77,22 +81,27 @@ def tried(seed: int, number: int) -> Outcome:
         claim, attack = drawn_claim(rng), drawn_attack(rng)
     if number % BOXED == 2:
         claim = dataclasses.replace(claim, start=drawn_start(np.random.default_rng([seed, number, 1])))
-    return attacked(Outcome(seed, number, claim, attack), rng)
+    outcome = Outcome(seed, number, claim, attack)
+    if number % BOXED == 5:
+        with contextlib.suppress(NoBound):  # laps of some laws differ
+            outcome.later = drawn_later(claim, np.random.default_rng([seed, number, 1]))
+    return attacked(outcome, rng)
 
 
 def attacked(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     """Forge the tube of an outcome's claim, and judge it."""
     with np.errstate(all="ignore"):
-        claims = forged(outcome.claim, outcome.attack, rng)
+        claims = forged(outcome.claim, outcome.attack, rng, outcome.later)
     if not claims:
         return outcome
-    claim = outcome.claim = dataclasses.replace(outcome.claim, steps=len(claims))
-    problem = problem_of(claim, policy_of(claim.policy))
-    accepted = _accepted(problem, claims)
+    claim, later = dataclasses.replace(outcome.claim, steps=len(claims)), outcome.later
+    outcome.claim = claim
+    problem = later.problem if later else problem_of(claim, policy_of(claim.policy))
+    accepted = _accepted(problem, claims, later)
     outcome.accepted = len(accepted)
     if not accepted:
         return outcome
-    plants, box = problem.plants, claim.start is not None
+    plants, box = problem.plants, later is not None or claim.start is not None
     courses = (
         plants.force_swing
         or plants.force_course
@@ -112,12 +121,12 @@ def attacked(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     return outcome
 
 
-def _accepted(problem: Problem, claims: Claims) -> list[_Accepted]:
+def _accepted(problem: Problem, claims: Claims, later: Later | None) -> list[_Accepted]:
     """Return the steps that the checker accepts."""
     found: list[_Accepted] = []
-    tube, count = Tube(problem, claims), len(problem.plant.parameters)
+    tube, count = Tube(problem, claims, later and later.start), len(problem.plant.parameters)
     with contextlib.suppress(NoBound):  # what closed in the search may be left by a digit when it is confirmed
-        for step in tube:
+        for step in itertools.islice(tube, len(claims)):
             columns, box = tube.state.deviations.columns[:8], tube.state.deviations.box[:8]
             others = np.abs(columns[:, count:]).sum(axis=1) + box
             found.append(_Accepted(step, columns[:, :count].copy(), others))
@@ -128,7 +137,7 @@ def _judge(outcome: Outcome, problem: Problem, accepted: list[_Accepted], sample
     """Compare plants with a tube: note the ratios and what leaves it; return the plants that come closest."""
     claim, stops = outcome.claim, _stops(accepted)
     try:
-        motions = simulated(claim, samples, stops)
+        motions = simulated(claim, samples, stops, later=outcome.later)
     except (OverflowError, RuntimeError) as error:  # a solution in a tube is bounded, and its motors do not chatter
         outcome.finding = f"the simulation fails: {error}"
         return []
@@ -137,7 +146,8 @@ def _judge(outcome: Outcome, problem: Problem, accepted: list[_Accepted], sample
         worth = found[i]["tip"] > max(1.0, outcome.tip) if outcome.finding else max(found[i].values()) > 1.0
         if worth:
             finer, found[i] = (
-                _ratios(problem, accepted, sample, simulated(claim, [sample], stops, refined)[0]) for refined in FINER
+                _ratios(problem, accepted, sample, simulated(claim, [sample], stops, refined, outcome.later)[0])
+                for refined in FINER
             )
             # The error of RK4 falls by a factor of 4^4 from one to the next: what both differ by bounds the last one's.
             said = [name for name, ratio in found[i].items() if ratio > 1.0 + RELATIVE + abs(ratio - finer[name])]
@@ -216,7 +226,10 @@ def _tube_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
 
 
 def _confirm(outcome: Outcome, claims: Claims) -> None:
-    """Ask the public checker for its word on a finding, by a file: only what it accepts is one."""
+    """Ask the public checker for its word on a finding, by a file: only what it accepts is one; a lap is no file."""
+    if outcome.later:
+        outcome.finding += "; in a later lap"
+        return
     try:
         bound = find_bound(outcome.claim, claims=[LapClaim(claims)], policy=policy_of(outcome.claim.policy))
     except NoBound as error:
@@ -233,5 +246,9 @@ def row(outcome: Outcome) -> dict[str, Any]:
     """Return an outcome as plain data."""
     claim = outcome.claim
     of_try = {"seed": outcome.seed, "number": outcome.number, "policy": claim.policy, "case": claim.case}
-    of_set = {"plants": claim.plants.to_dict(), "attack": dataclasses.asdict(outcome.attack)}
+    of_set = {
+        "plants": claim.plants.to_dict(),
+        "attack": dataclasses.asdict(outcome.attack),
+        "later": outcome.later is not None,
+    }
     return {**of_try, **of_set, "accepted": outcome.accepted, **outcome.ratios, "finding": outcome.finding}

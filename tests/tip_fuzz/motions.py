@@ -10,7 +10,7 @@ import numpy as np
 from fuzzyarm.policies.tip_bound import PERIOD, TipClaim
 
 from .arm import Node, hold
-from .sets import Sample, arm_of, policy_of, schedule_of
+from .sets import Later, Sample, arm_of, policy_of, schedule_of
 
 SUBSTEPS = 12  # of a control step
 
@@ -29,35 +29,47 @@ def even_stops(steps: int, count: int = SUBSTEPS) -> list[list[float]]:
 
 
 def simulated(
-    claim: TipClaim, samples: list[Sample], stops: Sequence[Sequence[float]], refined: int = 1
+    claim: TipClaim,
+    samples: list[Sample],
+    stops: Sequence[Sequence[float]],
+    refined: int = 1,
+    later: Later | None = None,
 ) -> list[Motion]:
-    """Return the motions of plants for the first control steps of a claim.
+    """Return the motions of plants for the first control steps of a claim, or of a later lap.
 
     The policy is the package's own: the proof states the laws again, so that the shipped policy is the right one to
     compare with. Reference and tip force are read from the package's schedule, as the claim is about these. `stops` are
     the times in each control step at which there is a node, with `refined` steps between two of them, see `hold`.
     """
-    problem, plants, policy = schedule_of(claim), claim.plants, policy_of(claim.policy)
-    table, lanes = problem.schedule, range(len(samples))
+    problem, plants, policy = later.problem if later else schedule_of(claim), claim.plants, policy_of(claim.policy)
+    table, law, lanes = problem.schedule, problem.law, range(len(samples))
     arms = [arm_of(claim, sample) for sample in samples]
-    box = (
-        np.zeros((8 + problem.law.memory, 0))
-        if claim.start is None
-        else claim.start.columns(8 + problem.law.memory, problem.law.memory)
-    )
-    begun = [box @ sample.start[: box.shape[1]] for sample in samples]
-    states = [tuple((problem.start + start[:8]).tolist()) for start in begun]
+    if later:
+        shares = [[s.share(plants, p.kind, p.joint) for p in problem.plant.parameters] for s in samples]
+        centre, (constants, columns) = np.concatenate(later.start[:3]), later.start[3:]
+        begun = [
+            centre + constants @ np.array(share) + columns @ sample.start[: columns.shape[1]]
+            for share, sample in zip(shares, samples, strict=True)
+        ]
+    else:
+        centre = np.concatenate([problem.start, np.zeros(law.memory)])
+        box = np.zeros((len(centre), 0)) if claim.start is None else claim.start.columns(2, len(centre), law.memory)
+        begun = [centre + box @ sample.start[: box.shape[1]] for sample in samples]
+    states = [tuple(start[:8].tolist()) for start in begun]
     nodes: list[list[list[Node]]] = [[] for _ in lanes]
     torques, errors = np.zeros((len(samples), len(stops), 2)), np.zeros((len(samples), len(stops)))
-    memory, waiting = np.zeros((len(samples), policy.memory_size)), None
-    memory[:, problem.law.remembered] = [start[8:] for start in begun]
+    memory = np.repeat(law._held[[table.steps if later else 0], 0], len(samples), axis=0)
+    memory[:, law.remembered] = [start[8 : 8 + law.memory] for start in begun]
+    waiting = np.array([start[8 + law.memory :] for start in begun]) if later and plants.late else None
     spread = np.repeat(plants.noise, 2)
     for number, times in enumerate(stops):
         k = number % table.steps  # the motion is repeated
         measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[number] for sample in samples])
         seen = np.hstack([measured, np.repeat(table.references[k : k + 1], len(samples), axis=0)])
         asked, memory = policy.predict(seen, memory)
-        asked = np.array(asked, dtype=float) + problem.guest * np.array([sample.guest[number] for sample in samples])
+        asked = np.array(asked, dtype=float) + np.array(problem.guest or (0.0, 0.0)) * np.array(
+            [sample.guest[number] for sample in samples]
+        )
         acting = asked if waiting is None or not plants.late else waiting
         waiting = asked
         for i in lanes:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.spec import without_guest
 from fuzzyarm.policies.tip_bound import _PATHS, PERIOD, TipClaim, problem_of
-from fuzzyarm.proof.tip.laps import StartBox
+from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.plant import BY_JOINT, PlantSet
 from fuzzyarm.proof.tip.tube import Problem
 
 from .arm import Body, ElasticArm
 
-JOINTS = 2
+JOINTS, STARTS = 2, 40
 POLICIES = {
     "computed-torque-tip": 6, "fuzzy-4-tip": 6, "computed-torque": 2, "fuzzy-1": 2, "fuzzy-8-tip": 1, "fuzzy-32": 1,
     "elastic-observer": 2, "smooth-observer": 1, "shield:fuzzy-4-tip:any:4,2": 2, "ppo-robust": 1, "ppo-nominal": 1,
@@ -92,6 +93,39 @@ def drawn_start(rng: np.random.Generator) -> StartBox:
     return StartBox(*(0.0 if rng.uniform() < 0.3 else _size(rng, 1e-4 * most, most) for most in largest))
 
 
+class Later(NamedTuple):
+    """The second lap of a motion that is repeated for ever, and the set in which it begins."""
+
+    problem: Problem
+    start: LapSet
+
+
+def drawn_later(claim: TipClaim, rng: np.random.Generator) -> Later:
+    """Return a later lap of a claim, with a set around the end of an episode; `NoBound` where laps differ.
+
+    The constants of the plant move the state in the set, as they do at the end of a lap.
+    """
+    path = "circle" if claim.path == "line" else claim.path
+    endless = dataclasses.replace(claim, path=path, steps=None, laps="ever", start=None)
+    policy = policy_of(claim.policy)
+    problem, memory = problem_of(endless, policy), None
+    env, law = FuzzyArmEnv(claim.case, reference=problem.reference), problem.law
+    seen, info = env.reset(seed=0)
+    for _ in range(problem.schedule.steps):
+        torque, memory = policy.predict(seen, memory)
+        seen, *_, info = env.step(np.asarray(torque))
+    start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+    held = np.asarray(torque, dtype=float) if claim.plants.late else np.zeros(0)
+    numbers = len(start) + law.memory + len(held)
+    box = drawn_start(rng).columns(JOINTS, numbers, law.memory)
+    thin = np.diag(1e-3 * np.abs(box).sum(axis=1) + 1e-9)
+    if (columns := np.hstack([box, thin])).shape[1] > STARTS:
+        columns = np.diag(np.abs(columns).sum(axis=1))
+    moved = rng.normal(size=(numbers, len(problem.plant.parameters))) * np.abs(columns).sum(axis=1)[:, np.newaxis]
+    assert memory is not None
+    return Later(problem, LapSet(start, np.ravel(memory)[law.remembered], held, moved, columns))
+
+
 def _size(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
@@ -118,7 +152,7 @@ class Sample:
     course: np.ndarray  # of the further force (steps, 2)
     noise: np.ndarray  # errors of the encoders (steps, 4)
     guest: np.ndarray  # torque of a guest in a shield (steps, 2)
-    start: np.ndarray  # in a box of starts, or zeros (8 + memory,)
+    start: np.ndarray  # factors of the columns of a set of initial states, or zeros (`STARTS`,)
 
     def share(self, plants: PlantSet, kind: str, joint: int) -> float:
         """Return where a constant lies in its range, -1 to 1."""
@@ -160,7 +194,7 @@ def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.G
     payload, force = value("payload", 0), value("force", 0)
     courses = [rng.choice([-1.0, 1.0], (steps, 11)), np.repeat(rng.choice([-1.0, 1.0], (1, 11)), steps, axis=0)]
     course = courses[int(rng.integers(2))]
-    start = np.where(rng.uniform(size=40) < 0.5, -1.0, 1.0) if box else np.zeros(40)  # the first of them count
+    start = np.where(rng.uniform(size=STARTS) < 0.5, -1.0, 1.0) if box else np.zeros(STARTS)  # the first count
     return Sample(
         factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:9], course[:, 9:], start
     )

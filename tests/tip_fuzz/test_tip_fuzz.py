@@ -12,14 +12,16 @@ import pytest
 
 from fuzzyarm.policies.tip_bound import TipClaim
 from fuzzyarm.proof.tip.friction import Friction
+from fuzzyarm.proof.tip.laps import LapSet
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 
 from .__main__ import main
 from .forge import Attack
 from .judge import Outcome, attacked, tried
+from .sets import drawn_later
 
-SLICE = ((0, 0), (0, 2), (0, 6), (0, 9), (0, 16), (0, 21), (0, 49), (1, 4))
-"""Short tries, by seed and number. (0, 2), (0, 9) and (0, 16) begin in a box of starts; (0, 49) has a guest."""
+SLICE = ((0, 0), (0, 2), (0, 5), (0, 6), (0, 9), (0, 16), (0, 21), (0, 49), (1, 4))
+"""By seed and number: (0, 2), (0, 9), (0, 16) begin in a box, (0, 5) is a later lap, (0, 49) has a guest."""
 
 
 @pytest.mark.parametrize(("seed", "number"), SLICE)
@@ -104,6 +106,27 @@ def test_a_fault_of_the_proof_is_found(fault, claim, plans, monkeypatch):
     fault(monkeypatch)
     outcome = judged()
     assert outcome.finding.startswith("exceeded: ") and "the checker says PROVEN" in outcome.finding
+
+
+def test_a_lap_that_forgets_what_the_constants_did_is_found(monkeypatch):
+    claim = TipClaim("fuzzy-4-tip", plants=PlantSet(stiffness=(0.99, 1.01)), steps=3)
+    later = drawn_later(claim, np.random.default_rng(0))
+
+    def judged():
+        attack = Attack("own", "own", "least", 1)
+        return attacked(Outcome(0, 0, claim, attack, later), np.random.default_rng(0))
+
+    outcome = judged()
+    assert outcome.accepted == 3 and not outcome.finding and outcome.column > 0.9
+    whole = LapSet.deviations
+
+    def forgetful(self):
+        made = whole(self)
+        made.columns[:, : self.constants.shape[1]] = 0.0
+        return made
+
+    monkeypatch.setattr(LapSet, "deviations", forgetful)
+    assert judged().finding.startswith("exceeded: ")
 
 
 def test_the_command_keeps_figures_and_a_finding_is_made_again(tmp_path, monkeypatch, capsys):

@@ -28,9 +28,9 @@ class Options:
     policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, ppo-residual or another learned
     policy, a controller file (.json, .json-tip), or a policy in a folder of fuzzyarm tune (DIR/fuzzy-4-tip)"""
-    robot: Annotated[str | None, Parameter(metavar="FILE")] = None
-    """Arm that the set is about: TOML file of a two-joint arm, or folder of fuzzyarm tune (default: the arm of the
-    policy's file, otherwise Table 1)"""
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Arm that the set is about: a robot by name (planar-3r), the TOML file of a robot or of a two-joint arm, or a
+    folder of fuzzyarm tune (default: the arm of the policy's file, otherwise Table 1)"""
     case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
     """Case: nominal, machining or payload"""
     set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"
@@ -91,7 +91,6 @@ class Options:
 def _claim(options: Options) -> TipClaim:
     """Return the claim to prove."""
     from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
     from fuzzyarm.policies.tip_bound import TipClaim, own_duration
     from fuzzyarm.proof.tip.laps import StartBox
@@ -99,8 +98,6 @@ def _claim(options: Options) -> TipClaim:
 
     plants = find_set(options.set)
     arm = None if options.robot is None else chosen_arm(options.robot, None)
-    if not isinstance(arm, ArmParameters | None):
-        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; bounds are available only for two-joint arms")
     points = GivenPath.read(Path(options.path)) if Path(options.path).suffix in ENDINGS else None
     path = options.path if points is None else "circle"
     duration = options.duration
@@ -117,12 +114,19 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     """Return the result by cells as plain data and as text; `NoBound` names the first cell without a bound."""
     from fuzzyarm.common.arithmetic import at_most
     from fuzzyarm.common.checks import whole
+    from fuzzyarm.envs.observation import JOINTS
     from fuzzyarm.policies.tip_bound import arm_in_words, plain, problem_of
     from fuzzyarm.policies.tip_cells import bounds_of_cells, cells
     from fuzzyarm.policies.tip_files import save_cells
+    from fuzzyarm.proof.tip.plant import BY_JOINT
 
     divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
-    arm, found = problem_of(claim).parameters, []
+    problem, found = problem_of(claim), []
+    arm, joints = problem.parameters, problem.plant.physics.joints
+    if joints != JOINTS and any(name.partition("-")[0] in BY_JOINT for name, _ in divisions):
+        raise UsageError(
+            f"--cells of a robot with {joints} joints must be payload or force, not a factor of each joint"
+        )
     with progress("cells", sum(1 for _ in cells(claim.plants, divisions))) as advance:
         for parts in bounds_of_cells(claim, divisions, jobs, options.out):
             found += parts

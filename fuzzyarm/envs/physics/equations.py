@@ -184,8 +184,9 @@ def _mass_matrix(angles: PerJoint, arm: Arm) -> tuple[tuple[Any, Any], tuple[Any
 
 
 def _inverse_dynamics(angles: PerJoint, rates: PerJoint, accelerations: PerJoint, arm: Arm) -> PerJoint:
-    (m11, m12), (_, m22) = _mass_matrix(angles, arm)
-    coriolis1, coriolis2 = dynamics.coriolis_torque(sine_cosine(angles.joint2)[0], *rates, arm)
+    sin2, cos2 = sine_cosine(angles.joint2)
+    m11, m12, m22 = dynamics.mass_matrix(cos2, arm)
+    coriolis1, coriolis2 = dynamics.coriolis_torque(sin2, *rates, arm)
     (gravity1, gravity2), (ddq1, ddq2) = _gravity(angles, arm), accelerations
     return PerJoint(m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity1, m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity2)
 

@@ -94,7 +94,10 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     parts += ["## Margins", Sheet(head, rows).markdown(), *margin_notes(margins), "## Proven", proven]
     parts += [_bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
     if not isinstance(arm, ArmParameters):
-        parts.append("Nothing is proven for the tip: `fuzzyarm prove` supports only two-joint arms.")
+        parts.append(
+            f"No bound on the tip error was sought; `fuzzyarm prove --robot {folder} --policy computed-torque{TIP}` "
+            "looks for one."
+        )
     return "\n\n".join(filter(None, parts)) + "\n"
 
 

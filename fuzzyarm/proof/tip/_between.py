@@ -14,16 +14,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from flint import arb
+from flint import arb, arb_series, ctx
 
-from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.scenario.paths import Placed, Spline, TipPath
-from fuzzyarm.envs.scenario.reference import JointReference, time_law
+from fuzzyarm.envs.scenario.reference import PathReference, time_law
 from fuzzyarm.proof.tip._defects import PeriodMotion
 from fuzzyarm.proof.tip.centre import Segment
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, between, largest, low_high
 from fuzzyarm.proof.tip.period import Closed
-from fuzzyarm.proof.tip.transition import ROWS
+from fuzzyarm.proof.tip.plant import BallPlant
 
 __all__ = ["between_samples"]
 
@@ -32,41 +31,39 @@ _CLOCK = 1e-14  # relative: largest error of a sample's instant in floats
 
 
 def between_samples(
-    reference: JointReference,
+    reference: PathReference,
     begin: float,
     period: float,
     segments: Sequence[Segment],
     tube: Sequence[Closed],
-    arm: Arm,
+    plant: BallPlant,
 ) -> float:
     """Return T²/8 sup |ë| [m] on a period that begins at `begin` [s] and has these segments, with their tube."""
     sizes, now = [], begin
     for segment, closed in zip(segments, tube, strict=True):
-        motion, part = PeriodMotion(segment.angles, segment.duration), segment.duration / _PARTS
-        rows = [closed.tube[kind].tolist() for kind in (ROWS.link, ROWS.d_link, ROWS.link_acceleration)]
+        motion, part = PeriodMotion(segment.angles, segment.duration, plant.physics), segment.duration / _PARTS
+        at = plant.layout.rows
+        rows = [closed.tube[kind].tolist() for kind in (at.link, at.d_link, at.link_acceleration)]
         for i in range(_PARTS):
             s = between(2.0 * i / _PARTS - 1.0, 2.0 * (i + 1) / _PARTS - 1.0)
             q, dq, ddq = (
                 [signal.at(s) + arb(0.0, radius) for signal, radius in zip(kind, radii, strict=True)]
                 for kind, radii in zip(motion.links, rows, strict=True)
             )
-            found, wanted = _tip_acceleration(q, dq, ddq, arm), _wanted(reference, now + i * part, part)
-            sizes.append(math.hypot(*(largest(a - b) for a, b in zip(found, wanted, strict=True))))
+            found, wanted = _tip_acceleration(q, dq, ddq, plant), _wanted(reference, now + i * part, part)
+            sizes.append(math.hypot(*(largest(a - b) for a, b in zip(found, wanted, strict=False))))  # a plane has no z
         now += segment.duration
     return period**2 / 8.0 * max(sizes) * ROUND_UP**4
 
 
-def _tip_acceleration(q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], arm: Arm) -> list[Any]:
-    """Return p̈ [m/s²]: each link, at angle φ with rate ω, adds L (-φ̈ sin φ - ω² cos φ, φ̈ cos φ - ω² sin φ)."""
-    x = y = arb(0)
-    for count, length in enumerate((arm.length1, arm.length2), 1):
-        angle, rate, turn = (sum(part[:count], arb(0)) for part in (q, dq, ddq))
-        sine, cosine, pull = angle.sin(), angle.cos(), rate * rate
-        x, y = x - length * (turn * sine + pull * cosine), y + length * (turn * cosine - pull * sine)
-    return [x, y]
+def _tip_acceleration(q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], plant: BallPlant) -> list[Any]:
+    """Return p̈ [m/s²], twice the second coefficient of p(q + q̇ t + q̈ t²/2)."""
+    ctx.cap = 3
+    course = (arb_series([a, b, c / 2]) for a, b, c in zip(q, dq, ddq, strict=True))
+    return [2 * axis[2] for axis in plant.physics.tip(plant.physics.PerJoint(*course), plant.exact)]
 
 
-def _wanted(reference: JointReference, begin: float, period: float) -> list[Any]:
+def _wanted(reference: PathReference, begin: float, period: float) -> list[Any]:
     """Return p̈_r = p'' ṡ² + p' s̈ [m/s²] over a period; the reference rests before 0 and after its end."""
     slack = _CLOCK * (begin + period)
     low, high = ((arb(t) / arb(reference.duration)) for t in (begin - slack, begin + period + slack))

@@ -14,17 +14,15 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics import dynamics
-from fuzzyarm.envs.physics.dynamics import Arm
-from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.dynamics import motors
 from fuzzyarm.envs.physics.friction import STRIBECK
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.proof.tip.centre import DEGREE
 from fuzzyarm.proof.tip.enclosures import SLACK, between, largest, low_high, middle_of, radius_of
 
@@ -123,32 +121,29 @@ def _through(function: Callable[..., tuple[Any, ...]], *signals: Signal) -> list
     return [Signal([*(p[i] for i in range(_ORDER)), q[_ORDER]]) for p, q in zip(near, far, strict=True)]
 
 
-class Forces(NamedTuple):
-    """A tip force as signals along x and y: its mean, and half its change with s."""
-
-    x: Signal
-    y: Signal
+Forces = Sequence[Signal]
+"""A tip force as a signal along each axis: its mean, and half its change with s; empty for no force."""
 
 
 class TipForces(NamedTuple):
     """The forces that may act at the tip during a segment."""
 
     middle: Forces  # force in the middle of the set
-    radii: tuple[float, float]  # how far the force along x and y can be from it [N]
-    direction: tuple[float, float]  # a unit vector (x, y)
-    courses: tuple[float, float]  # largest part of any course along the direction and across it [N]
+    radii: Sequence[float]  # how far the force along each axis can be from it [N]
+    directions: np.ndarray  # unit vectors at right angles, one a row
+    courses: np.ndarray  # largest part of any course along each of them [N]
 
 
 class PeriodMotion:
     """The centre of a period, or of a part of one, in balls: its angles and their derivatives as signals [rad, s]."""
 
-    def __init__(self, angles: np.ndarray, period: float) -> None:
-        """Take the coefficients (4, DEGREE + 1) of the angles [rad] and T [s]."""
-        rate, self.duration = 2 / arb(period), period
+    def __init__(self, angles: np.ndarray, period: float, physics: Physics) -> None:
+        """Take the coefficients (4, DEGREE + 1) of the angles [rad], T [s], and the equations of the arm."""
+        rate, self.duration, self._physics, self._joints = 2 / arb(period), period, physics, physics.joints
         self.angle = [Signal(map(arb, row)) for row in angles.tolist()]
         self.velocity = [signal.derivative(rate) for signal in self.angle]
         self.acceleration = [signal.derivative(rate) for signal in self.velocity]
-        self.links = [kind[JOINTS:] for kind in (self.angle, self.velocity, self.acceleration)]
+        self.links = [kind[self._joints :] for kind in (self.angle, self.velocity, self.acceleration)]
 
     @functools.cached_property
     def link_ranges(self) -> list[list[Any]]:
@@ -161,72 +156,67 @@ class PeriodMotion:
 
     def bending(self, joint: int) -> Signal:
         """Return φ of a joint [rad]."""
-        return self.angle[joint] - self.angle[JOINTS + joint]
+        return self.angle[joint] - self.angle[self._joints + joint]
 
     def bending_rate(self, joint: int) -> Signal:
         """Return φ̇ of a joint [rad/s]."""
-        return self.velocity[joint] - self.velocity[JOINTS + joint]
+        return self.velocity[joint] - self.velocity[self._joints + joint]
 
-    def net_torque(self, joint: int, torque: float, arm: Arm) -> tuple[Signal, Signal]:
+    def net_torque(self, joint: int, torque: float, arm: Any) -> tuple[Signal, Signal]:
         """Return N and P of a motor under a held torque [N m], with the constants of `arm`."""
-        stiffness, damping = (arm.stiffness1, arm.stiffness2)[joint], (arm.damping1, arm.damping2)[joint]
-        viscous, inertia = (arm.viscous1, arm.viscous2)[joint], (arm.motor_inertia1, arm.motor_inertia2)[joint]
-        joint_torque = stiffness * self.bending(joint), damping * self.bending_rate(joint)
-        net = Signal([arb(torque)]) - joint_torque[0] - joint_torque[1] - viscous * self.velocity[joint]
-        return net, net - inertia * self.acceleration[joint]
+        own = motors(arm, self.links[0])[joint]
+        net = Signal([arb(torque)]) - own.stiffness * self.bending(joint) - own.damping * self.bending_rate(joint)
+        net -= own.viscous * self.velocity[joint]
+        return net, net - own.motor_inertia * self.acceleration[joint]
 
-    def link_torques(self, force: Forces, arm: Arm) -> list[Signal]:
-        """Return R of both links."""
+    def link_torques(self, force: Forces, arm: Any) -> list[Signal]:
+        """Return R of all links."""
+        n = self._joints
 
-        def torques(*links: Any) -> tuple[Any, Any]:
-            return link_torque(links[0:2], links[2:4], links[4:6], links[6:8], arm)
+        def torques(*links: Any) -> Any:
+            return link_torque(self._physics, (links[:n], links[n : 2 * n], links[2 * n : 3 * n]), links[3 * n :], arm)
 
         return _through(torques, *itertools.chain(*self.links), *force)
 
-    def link_defects(self, torques: list[Signal], arm: Arm) -> list[Signal]:
-        """Return d of both links."""
-        stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
-        return [stiffness[j] * self.bending(j) + damping[j] * self.bending_rate(j) - torques[j] for j in range(JOINTS)]
+    def link_defects(self, torques: list[Signal], arm: Any) -> list[Signal]:
+        """Return d of all links."""
+        drives = enumerate(motors(arm, torques))
+        return [own.stiffness * self.bending(j) + own.damping * self.bending_rate(j) - torques[j] for j, own in drives]
 
-    def lever_arms(self, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-        """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and their largest change within it."""
-        lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
-
-        def arms(angles: list[arb], unit: tuple[float, float]) -> tuple[arb, arb]:
-            q1, q12 = angles[0], angles[0] + angles[1]
-            return dynamics.tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
-
-        for axis, unit in enumerate((direction, (-direction[1], direction[0]))):
-            middle, whole = arms([signal[0] for signal in self.links[0]], unit), arms(self.link_ranges[0], unit)
-            for joint, (near, wide) in enumerate(zip(middle, whole, strict=True)):
+    def lever_arms(self, directions: np.ndarray, arm: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return Jᵀ d (2, 2) [m] of directions d, rows, at the middle of the period, and the largest change within."""
+        lever, spread = np.zeros((self._joints, len(directions))), np.zeros((self._joints, len(directions)))
+        middles, force = [signal[0] for signal in self.links[0]], self._physics.Point
+        for axis, unit in enumerate(directions.tolist()):
+            loads = (
+                self._physics.tip_load(self._physics.PerJoint(*q), force(*unit), arm)
+                for q in (middles, self.link_ranges[0])
+            )
+            for joint, (near, wide) in enumerate(zip(*loads, strict=True)):
                 lever[joint, axis] = middle_of(near)
                 spread[joint, axis] = radius_of(wide, lever[joint, axis])
         return lever, spread + SLACK * np.abs(lever).sum()
 
-    def slip(self, joint: int, side: int, arm: Arm) -> Signal:
+    def slip(self, joint: int, side: int, arm: Any) -> Signal:
         """Return F(v) [N m] of a motor that moves in one direction."""
         return _through(lambda speed: (dry_friction(speed, joint, arm),), side * self.velocity[joint])[0]
 
 
-def dry_friction(speed: Any, joint: int, arm: Arm) -> Any:
+def dry_friction(speed: Any, joint: int, arm: Any) -> Any:
     """Return F(v) [N m] of a motor as the environment computes it, for speeds [rad/s] of any number type."""
-    return STRIBECK.magnitude(speed, dynamics.dry_frictions(arm)[joint])
+    return STRIBECK.magnitude(speed, getattr(arm, f"dry_friction{joint + 1}"))
 
 
-def link_torque(angle: Any, velocity: Any, acceleration: Any, force: Any, arm: Arm) -> tuple[Any, Any]:
-    """Return R = M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] of both links.
+def link_torque(physics: Physics, motion: Sequence[Sequence[Any]], force: Sequence[Any], arm: Any) -> Any:
+    """Return R = M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] of all links.
 
-    Angles [rad], velocities [rad/s], accelerations [rad/s²] and the tip force (x, y) [N] are pairs of numbers of any
-    type: balls, jets or power series. The equations are those of the environment, linear in q̈ and in the constants of
-    the arm.
+    The motion holds angles [rad], velocities [rad/s] and accelerations [rad/s²], one for each joint; it and the tip
+    force [N], one for each axis or empty, are numbers of any type: balls, jets or power series. The equations are those
+    of the environment, linear in q̈ and in the constants of the arm.
     """
-    (q1, q2), (dq1, dq2), (ddq1, ddq2) = angle, velocity, acceleration
-    (sin1, cos1), (sin2, cos2), (sin12, cos12) = sine_cosine(q1), sine_cosine(q2), sine_cosine(q1 + q2)
-    m11, m12, m22 = dynamics.mass_matrix(cos2, arm)
-    coriolis1, coriolis2 = dynamics.coriolis_torque(sin2, dq1, dq2, arm)
-    gravity1, gravity2 = dynamics.gravity_torque(sin1, sin12, arm)
-    force1, force2 = dynamics.tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
-    return (
-        m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity1 - force1,
-        m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity2 - force2,
-    )
+    angles, rates, accelerations = (physics.PerJoint(*part) for part in motion)
+    torques = physics.inverse_dynamics(angles, rates, accelerations, arm)
+    if not force:
+        return torques
+    loads = physics.tip_load(angles, physics.Point(*force), arm)
+    return tuple(torque - load for torque, load in zip(torques, loads, strict=True))

@@ -23,59 +23,61 @@ that bound includes the torques of the constants (`Friction.driving`).
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.transition import CHANNEL_COUNT, CHANNELS, OBSERVED, ROWS
 
 __all__ = ["Drive", "LinkRemainder"]
 
 _REFINED = 3  # how often the products of the masses are bounded again
-_NO_FORCE = TipForces(Forces(Signal([arb(0)]), Signal([arb(0)])), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
+_NO_FORCE = TipForces((), (), np.zeros((0, 0)), np.zeros(0))
 
 
-def _link_slopes(at: Any, force: tuple[Any, Any], arm: Arm) -> list[list[list[Any]]]:
+def _link_slopes(physics: Physics, at: Any, force: Sequence[Any], arm: Any) -> list[list[list[Any]]]:
     """Return M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], nested lists (2, 2) of balls.
 
-    `at` holds pairs of angles [rad], velocities [rad/s] and accelerations [rad/s²] of the links, in balls.
+    `at` holds angles [rad], velocities [rad/s] and accelerations [rad/s²] of the links, in balls.
     """
-    q, dq, ddq = ([Jet.variable(x, k * JOINTS + i) for i, x in enumerate(pair)] for k, pair in enumerate(at))
-    torques = link_torque(q, dq, ddq, force, arm)
-    angle, velocity, mass = ([[t.slope(k * JOINTS + i) for i in range(JOINTS)] for t in torques] for k in range(3))
+    n = physics.joints
+    motion = [[Jet.variable(x, k * n + i) for i, x in enumerate(part)] for k, part in enumerate(at)]
+    torques = link_torque(physics, motion, force, arm)
+    angle, velocity, mass = ([[t.slope(k * n + i) for i in range(n)] for t in torques] for k in range(3))
     return [mass, angle, velocity]
 
 
 class _Linearised:
     """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
-    def __init__(self, motion: PeriodMotion, force: TipForces, arm: Arm) -> None:
-        self._motion, self._force, self._arm = motion, force, arm
-        x, y = force.middle
-        slopes = _link_slopes([[signal[0] for signal in kind] for kind in motion.links], (x[0], y[0]), arm)
+    def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant, arm: Any) -> None:
+        """Take an arm with constants in balls, all or a part of the plant."""
+        self._motion, self._force, self._plant, self._arm = motion, force, plant, arm
+        middles, push = [[signal[0] for signal in kind] for kind in motion.links], [part[0] for part in force.middle]
+        slopes = _link_slopes(plant.physics, middles, push, arm)
         # M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad], (2, 2) each
         mass, angle, velocity = (np.array([[middle_of(x) for x in row] for row in part]) for part in slopes)
         self.at = mass, angle, velocity
 
     def left_out(self, tube: np.ndarray) -> np.ndarray:
         """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for every force."""
-        rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
+        at, joints = self._plant.layout.rows, self._plant.physics.joints
+        rows = at.link, at.d_link, at.link_acceleration
         boxes = [
             [x + arb(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
             for along, of in zip(self._motion.link_ranges, rows, strict=True)
         ]
-        x, y = (s.range() + arb(0.0, r) for s, r in zip(self._force.middle, self._force.radii, strict=True))
-        slopes, total = _link_slopes(boxes, (x, y), self._arm), np.zeros(JOINTS)
+        push = [s.range() + arb(0.0, r) for s, r in zip(self._force.middle, self._force.radii, strict=True)]
+        slopes, total = _link_slopes(self._plant.physics, boxes, push, self._arm), np.zeros(joints)
         for part, middle, of in zip(slopes, self.at, (rows[2], rows[0], rows[1]), strict=True):
             pairs = zip(itertools.chain(*part), middle.ravel().tolist(), strict=True)
-            total += np.array([radius_of(x, c) for x, c in pairs]).reshape(JOINTS, JOINTS) @ tube[of]
+            total += np.array([radius_of(x, c) for x, c in pairs]).reshape(joints, joints) @ tube[of]
         return total * ROUND_UP
 
 
@@ -91,12 +93,14 @@ class LinkRemainder:
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
-        self._whole = _Linearised(motion, force, plant.exact)
-        self.at = self._whole.at
+        self._whole = _Linearised(motion, force, plant, plant.exact)
+        self.at, self._layout = self._whole.at, plant.layout
         arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
-        self._masses = [_Linearised(motion, _NO_FORCE, arm) for arm in arms if arm is not None]
-        # r_p (2 masses, 6) over the rows `OBSERVED`
-        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(one.at) for one in self._masses)])
+        self._masses = [_Linearised(motion, _NO_FORCE, plant, arm) for arm in arms if arm is not None]
+        # r_p (2 masses, 6) over the rows `Layout.observed`
+        self.products = np.vstack(
+            [np.zeros((0, len(plant.layout.observed))), *(np.hstack(one.at) for one in self._masses)]
+        )
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
         """Return a bound (2,) of |n| [N m] on a claimed tube ρ (18,), for the other torques w̄ (8,).
@@ -106,20 +110,19 @@ class LinkRemainder:
         fixed = self._whole.left_out(tube)
         for one in self._masses:
             fixed += one.left_out(tube)
-        sizes, count = np.abs(self.products), len(self.products)
-        found = (fixed + _by_link(sizes @ tube[OBSERVED])) * ROUND_UP
+        sizes, count, observed = np.abs(self.products), len(self.products), self._layout.observed
+        found = (fixed + self._by_link(sizes @ tube[observed])) * ROUND_UP
         for _ in range(_REFINED if count else 0):
             acting = torques.copy()
-            acting[CHANNELS.link] += found
+            acting[self._layout.channels.link] += found
             seen = free + push @ acting
-            within = seen[-count:] + SLACK * sizes @ seen[OBSERVED]
-            found = np.minimum(found, (fixed + _by_link(within)) * ROUND_UP)
+            within = seen[-count:] + SLACK * sizes @ seen[observed]
+            found = np.minimum(found, (fixed + self._by_link(within)) * ROUND_UP)
         return np.asarray(found)
 
-
-def _by_link(torques: np.ndarray) -> np.ndarray:
-    """Return the sums (2,) over all masses of torques (2 masses,), those of each mass on both links."""
-    return np.asarray(torques.reshape(-1, JOINTS).sum(axis=0))
+    def _by_link(self, torques: np.ndarray) -> np.ndarray:
+        """Return the sums (2,) over all masses of torques (2 masses,), those of each mass on all links."""
+        return np.asarray(torques.reshape(-1, self._layout.joints).sum(axis=0))
 
 
 class Drive(NamedTuple):
@@ -134,11 +137,12 @@ class Drive(NamedTuple):
     @classmethod
     def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> Drive:
         """Return the torques of all constants except dry friction, whose torques depend on the plan."""
-        shape = CHANNEL_COUNT, len(plant.parameters)
-        drive = cls(np.zeros(shape), np.zeros(shape), np.zeros(CHANNEL_COUNT), np.zeros(JOINTS))
+        channels, count, joints = plant.layout.channels, plant.layout.channel_count, plant.physics.joints
+        shape = count, len(plant.parameters)
+        drive = cls(np.zeros(shape), np.zeros(shape), np.zeros(count), np.zeros(joints))
         for index, parameter in enumerate(plant.parameters):
             joint, half = parameter.joint, arb(parameter.half)
-            motor, within = CHANNELS.motor.start + joint, CHANNELS.joint.start + joint
+            motor, within = channels.motor.start + joint, channels.joint.start + joint
             if parameter.kind == "stiffness":
                 drive._add(index, within, half, motion.bending(joint))
             elif parameter.kind == "damping":
@@ -149,19 +153,19 @@ class Drive(NamedTuple):
                 drive._add(index, motor, -half, motion.velocity[joint])
             elif parameter.arm is not None:
                 factor = half if parameter.kind == "force" else arb(0)
-                push = Forces(*(factor * signal for signal in force))
+                push = [factor * signal for signal in force]
                 for i, torque in enumerate(motion.link_torques(push, parameter.arm)):
-                    drive._add(index, CHANNELS.link.start + i, arb(-1), torque)
+                    drive._add(index, channels.link.start + i, arb(-1), torque)
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
-        """Return the torques of all uncertain constants, with those of the dry friction by the plans of both motors."""
-        drive = Drive(*(part.copy() for part in self))
+        """Return the torques of all uncertain constants, with those of the dry friction by the plans of the motors."""
+        drive, channels = Drive(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
             if torque is not None:
-                drive._add(index, CHANNELS.motor.start + parameter.joint, arb(parameter.half), torque)
-        for channel, friction in enumerate(frictions, CHANNELS.motor.start):
+                drive._add(index, channels.motor.start + parameter.joint, arb(parameter.half), torque)
+        for channel, friction in enumerate(frictions, channels.motor.start):
             if friction.plan is Plan.MONOTONE:
                 drive.level[channel], drive.slope[channel], drive.rest[channel] = 0.0, 0.0, 0.0
         return drive
@@ -172,5 +176,6 @@ class Drive(NamedTuple):
         level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope
         self.rest[channel] += torque.bent() + radius_of(torque[0], level) + radius_of(torque[1], slope)
-        if channel not in range(CHANNEL_COUNT)[CHANNELS.link]:
-            self.motor[channel % JOINTS] += torque.size()
+        kind, joint = divmod(channel, len(self.motor))
+        if kind != 1:  # not the links
+            self.motor[joint] += torque.size()

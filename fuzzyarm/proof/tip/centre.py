@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial import polynomial
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics import dynamics
-from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.envs.physics.dynamics import motors
 from fuzzyarm.envs.physics.friction import STRIBECK
+from fuzzyarm.envs.physics.records import Physics
 
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 
@@ -29,8 +28,6 @@ _ITERATIONS = 14  # of the collocation; each gains a digit or two
 _SAMPLES = 33  # of a segment, at which changes of mode are looked for
 _MOST_SEGMENTS = 8  # in a period
 _SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
-
-_MOTOR_VELOCITY = 2 * JOINTS  # where the velocities of the motors begin in a state (θ, q, θ̇, q̇)
 
 
 class Mode(enum.IntEnum):
@@ -42,11 +39,23 @@ class Mode(enum.IntEnum):
     REST = 2  # what holds the motor at rest
 
 
+class _Nodes(np.ndarray):
+    """Numbers at the nodes, whose sine and cosine are NumPy's: the centre may differ from the environment's digits."""
+
+    def sin(self) -> np.ndarray:
+        """Return the sine."""
+        return np.sin(self.view(np.ndarray))
+
+    def cos(self) -> np.ndarray:
+        """Return the cosine."""
+        return np.cos(self.view(np.ndarray))
+
+
 class Segment(NamedTuple):
     """The centre in a period, or in a part of one."""
 
     angles: np.ndarray  # coefficients of θ_1, θ_2, q_1, q_2 [rad] in s in [-1, 1], (4, DEGREE + 1), the constant first
-    modes: tuple[Mode, ...]  # of both motors
+    modes: tuple[Mode, ...]  # of the motors
     duration: float  # [s]
     end: np.ndarray  # state (8,) at the end, in the order θ, q, θ̇, q̇
 
@@ -54,13 +63,12 @@ class Segment(NamedTuple):
 class Centre:
     """The solver that computes the centre, period by period."""
 
-    def __init__(self, arm: Arm, period: float) -> None:
-        """Prepare the collocation for the constants of an arm and T [s]."""
-        self._arm, self._period = arm, period
-        self._dry, self._grain = dynamics.dry_frictions(arm), math.ulp(period)
-        self._static = tuple(dry.static_friction for dry in self._dry)
-        self._stiffness, self._damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
-        self._viscous, self._inertia = (arm.viscous1, arm.viscous2), (arm.motor_inertia1, arm.motor_inertia2)
+    def __init__(self, arm: Any, period: float, physics: Physics) -> None:
+        """Prepare the collocation for the constants of an arm, T [s], and the equations of the arm."""
+        self._arm, self._period, self._physics, self._grain = arm, period, physics, math.ulp(period)
+        self._joints = physics.joints
+        self._drives = motors(arm, range(self._joints))
+        self._speeds = 2 * self._joints  # where the velocities of the motors begin in a state (θ, q, θ̇, q̇)
         nodes, _ = np.polynomial.legendre.leggauss(_NODES)
         vandermonde = np.linalg.inv(np.vander(nodes, _NODES, increasing=True))
         once, twice = np.zeros((_NODES + 1, _NODES)), np.zeros((DEGREE + 1, _NODES))
@@ -79,9 +87,9 @@ class Centre:
     ) -> Iterator[Segment]:
         """Yield the centre of a period, in segments on which no motor changes its mode.
 
-        The state (8,) is that at the start, the torque (2,) [N m] is held, the force (4,) [N] is x, y at the middle of
-        the period and their change over it. `drags` are the constant friction torques of the motors [N m]; None for the
-        law's.
+        The state (8,) is that at the start, the torque (2,) [N m] is held, the force (4,) [N] is that at the middle of
+        the period along each axis, and its change over it. `drags` are the constant friction torques of the motors
+        [N m]; None for the law's.
         """
         begun = 0.0
         for count in range(_MOST_SEGMENTS):
@@ -90,18 +98,18 @@ class Centre:
             left = self._period - begun
             found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
             at, who = self._first_change(found, torque) if count < _MOST_SEGMENTS - 1 else (1.0, 0)
-            if at <= _SHORTEST and state[_MOTOR_VELOCITY + who]:
+            if at <= _SHORTEST and state[self._speeds + who]:
                 # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
                 state = state.copy()
-                state[_MOTOR_VELOCITY + who] = 0.0
+                state[self._speeds + who] = 0.0
                 continue
             if _SHORTEST < at < 1.0 - _SHORTEST:
                 part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
                 found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
-                for j in range(JOINTS):  # who has come to rest rests exactly
-                    before, after = state[_MOTOR_VELOCITY + j], found.end[_MOTOR_VELOCITY + j]
+                for j in range(self._joints):  # who has come to rest rests exactly
+                    before, after = state[self._speeds + j], found.end[self._speeds + j]
                     if modes[j] in (Mode.FORWARD, Mode.BACKWARD) and abs(after) < 1e-9 and abs(after) < abs(before):
-                        found.end[_MOTOR_VELOCITY + j] = 0.0
+                        found.end[self._speeds + j] = 0.0
                 begun += part
             else:
                 begun = self._period
@@ -112,18 +120,18 @@ class Centre:
 
     def _modes(self, state: np.ndarray, torque: np.ndarray, drags: Sequence[float | None]) -> tuple[Mode, ...]:
         modes = []
-        for j in range(JOINTS):
-            motor, link, velocity, link_velocity = state[j::JOINTS]
+        for j, drive in enumerate(self._drives):
+            motor, link, velocity, link_velocity = state[j :: self._joints]
             net = self._net(motor, link, velocity, link_velocity, torque[j], j)
-            moving = velocity or (net if abs(net) > self._static[j] else 0.0)
+            moving = velocity or (net if abs(net) > drive.dry_friction.static_friction else 0.0)
             own = Mode(int(np.sign(moving))) if moving else Mode.REST
             modes.append(own if drags[j] is None else Mode.FREE)
         return tuple(modes)
 
     def _net(self, theta: Any, q: Any, dtheta: Any, dq: Any, torque: Any, j: int) -> Any:
         """Return N [N m] of a motor."""
-        bent = torque - self._stiffness[j] * (theta - q) - self._damping[j] * (dtheta - dq)
-        return bent - self._viscous[j] * dtheta
+        own = self._drives[j]
+        return torque - own.stiffness * (theta - q) - own.damping * (dtheta - dq) - own.viscous * dtheta
 
     def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
         """Return the share of a segment at which a motor first changes its mode, 1 if none does, and that motor."""
@@ -135,8 +143,9 @@ class Centre:
             if mode == Mode.FREE:
                 continue
             if mode == Mode.REST:
-                net = self._net(values[j], values[2 + j], 0.0, rates[2 + j], torque[j], j)
-                margin = self._static[j] - np.abs(net)
+                link = self._joints + j
+                net = self._net(values[j], values[link], 0.0, rates[link], torque[j], j)
+                margin = self._drives[j].dry_friction.static_friction - np.abs(net)
             else:
                 margin = int(mode) * rates[j]
             changed = np.flatnonzero(margin[1:] < 0.0)
@@ -156,10 +165,11 @@ class Centre:
     ) -> Segment:
         """Return the segment of given modes and duration [s], under a force line over it as in `segments`."""
         half = 0.5 * duration
-        angle, velocity = state[:_MOTOR_VELOCITY, np.newaxis], state[_MOTOR_VELOCITY:, np.newaxis]
+        angle, velocity = state[: self._speeds, np.newaxis], state[self._speeds :, np.newaxis]
         start = angle + velocity * (half * (self._nodes + 1.0))
-        acceleration = np.zeros((4, _NODES))
-        push = [force[i] + force[2 + i] * 0.5 * self._nodes for i in range(2)]
+        acceleration = np.zeros((self._speeds, _NODES))
+        axes = self._physics.axes
+        push = [force[i] + force[axes + i] * 0.5 * self._nodes for i in range(axes)]
         for _ in range(_ITERATIONS):
             v = velocity + half * acceleration @ self._velocity_at.T
             x = start + half**2 * acceleration @ self._angle_at.T
@@ -167,11 +177,11 @@ class Centre:
             if np.abs(acceleration - before).max() < 1e-11:
                 break
         speeds = half * acceleration @ self._velocity.T
-        speeds[:, 0] += state[_MOTOR_VELOCITY:]
+        speeds[:, 0] += state[self._speeds :]
         angles = half**2 * acceleration @ self._angle.T
-        angles[:, 0] += state[:_MOTOR_VELOCITY] + half * state[_MOTOR_VELOCITY:]
-        angles[:, 1] += half * state[_MOTOR_VELOCITY:]
-        for joint in range(JOINTS):
+        angles[:, 0] += state[: self._speeds] + half * state[self._speeds :]
+        angles[:, 1] += half * state[self._speeds :]
+        for joint in range(self._joints):
             if modes[joint] == Mode.REST:
                 angles[joint], speeds[joint] = 0.0, 0.0
                 angles[joint, 0] = state[joint]
@@ -181,28 +191,30 @@ class Centre:
     def _accelerations(
         self, x: np.ndarray, v: np.ndarray, torque: np.ndarray, force: list[np.ndarray], modes: tuple[Mode, ...]
     ) -> np.ndarray:
-        arm, (q1, q2) = self._arm, x[2:]
-        sin1, cos1, sin12, cos12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
-        joint = [self._stiffness[j] * (x[j] - x[2 + j]) + self._damping[j] * (v[j] - v[2 + j]) for j in range(JOINTS)]
-        outer = dynamics.tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
-        coriolis, gravity = (
-            dynamics.coriolis_torque(np.sin(q2), v[2], v[3], arm),
-            dynamics.gravity_torque(sin1, sin12, arm),
+        of, (motor, link), (motor_rate, link_rate) = self._physics, np.split(x, 2), np.split(v, 2)
+        angles, rates, still = (
+            of.PerJoint(*link.view(_Nodes)),
+            of.PerJoint(*link_rate),
+            of.PerJoint(*np.zeros_like(link)),
         )
-        first, second = (joint[j] + outer[j] - coriolis[j] - gravity[j] for j in (0, 1))
-        links = dynamics.solve_mass_matrix(np.cos(q2), first, second, arm)
-        motors = []
-        for j, mode in enumerate(modes):
+        outer = of.tip_load(angles, of.Point(*force), self._arm) if np.any(force) else still
+        inner = of.inverse_dynamics(angles, rates, still, self._arm)
+        joint, own_accelerations = [], []
+        for j, (own, mode) in enumerate(zip(self._drives, modes, strict=True)):
+            joint.append(own.stiffness * (motor[j] - link[j]) + own.damping * (motor_rate[j] - link_rate[j]))
             if mode == Mode.REST:
-                motors.append(np.zeros_like(q1))
+                own_accelerations.append(np.zeros_like(link[j]))
                 continue
-            slip = STRIBECK.magnitude(v[j], self._dry[j])
-            net = self._net(x[j], x[2 + j], v[j], v[2 + j], torque[j], j)
-            motors.append((net - int(mode) * slip) / self._inertia[j])
-        return np.stack([*motors, *links])
+            slip = STRIBECK.magnitude(motor_rate[j], own.dry_friction)
+            net = self._net(motor[j], link[j], motor_rate[j], link_rate[j], torque[j], j)
+            own_accelerations.append((net - int(mode) * slip) / own.motor_inertia)
+        mass = np.moveaxis(np.array(of.mass_matrix(angles, self._arm)), -1, 0)
+        driven = np.array(joint) + np.array(outer) - np.array(inner)
+        return np.concatenate([own_accelerations, np.linalg.solve(mass, driven.T[..., np.newaxis])[..., 0].T])
 
 
 def _part(force: np.ndarray, begun: float, duration: float, period: float) -> np.ndarray:
     """Return the force line (4,) of a part of a period that begins at `begun` [s]."""
     at = (begun + 0.5 * duration) / period - 0.5
-    return np.concatenate([force[:2] + at * force[2:], force[2:] * (duration / period)])
+    mean, change = np.split(force, 2)
+    return np.concatenate([mean + at * change, change * (duration / period)])

@@ -36,8 +36,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series, ctx
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
 from fuzzyarm.envs.physics.friction import STRIBECK, DryFriction
 from fuzzyarm.proof.tip._defects import PeriodMotion, Signal, dry_friction
 from fuzzyarm.proof.tip.centre import Mode
@@ -53,9 +51,9 @@ _HALVINGS = 40  # of a range of speeds
 class _Curve:
     """The friction curve F(v) of one motor, in balls."""
 
-    def __init__(self, joint: int, arm: Arm) -> None:
+    def __init__(self, joint: int, arm: Any) -> None:
         self._joint, self._arm = joint, arm
-        dry = DryFriction(*map(arb, dry_frictions(arm)[joint]))
+        dry = DryFriction(*map(arb, getattr(arm, f"dry_friction{joint + 1}")))
         self.static, turn = dry.static_friction, middle_of(STRIBECK.inflection(dry))
         self.before, self.after = turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)  # around the inflection [rad/s]
         self.steepest = largest(STRIBECK.steepest(dry)) * ROUND_UP  # bound of -dF/dv [N m s/rad]
@@ -108,9 +106,9 @@ class _Curve:
         return True
 
 
-def check_curve(arm: Arm) -> None:
-    """Raise `NoBound` unless the friction of both motors is as the module says, in the caller's precision."""
-    for joint in range(JOINTS):
+def check_curve(arm: Any, joints: int) -> None:
+    """Raise `NoBound` unless the friction of all motors is as the module says, in the caller's precision."""
+    for joint in range(joints):
         curve = _Curve(joint, arm)
         rest = curve.series(arb(0))
         fits = rest[0].overlaps(curve.static) and rest[1] <= 0
@@ -150,7 +148,7 @@ class Friction:
         self._speed = between(*self.speed)
         net, self._needed = motion.net_torque(joint, torque, arm)
         self._net, self._needed_size = between(*net.ends()), self._needed.size()
-        inertia = (arm.motor_inertia1, arm.motor_inertia2)[joint]
+        inertia = getattr(arm, f"motor_inertia{joint + 1}")
         self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * acceleration.range())
         self.static, self._steepest = low_high(self._curve.at(arb(0.0))), self._curve.steepest
         self._rests = all(a.is_zero() for a in velocity.coefficients)

@@ -19,14 +19,13 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_json, read_toml, record
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.proof.tip.enclosures import SLACK
-from fuzzyarm.proof.tip.transition import ROWS, STATES
+from fuzzyarm.proof.tip.transition import layout
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope, merged, reach
 
 __all__ = ["LapSet", "StartBox"]
 
-_Width = float | tuple[float, float]  # of both joints, or of each
+_Width = float | tuple[float, ...]  # of all joints, or of each
 _UNITS = {"angle": "rad", "bending": "rad", "velocity": "rad/s", "bending_velocity": "rad/s"}
 _WIDEST = 1e3  # half a width, in its unit
 _KEPT = 1500  # columns of the end of a lap that stay apart in the set around it
@@ -50,8 +49,7 @@ class StartBox:
         for name in (*_UNITS, "memory"):
             given, unit = getattr(self, name), _UNITS.get(name, "")
             if isinstance(given, tuple | list):
-                count = JOINTS if name in _UNITS else len(given)
-                widths: Any = checks.reals(name, given, count, unit, low=0.0, high=_WIDEST)
+                widths: Any = checks.reals(name, given, len(given), unit, low=0.0, high=_WIDEST)
                 widths = widths[0] if name in _UNITS and len(set(widths)) == 1 else widths
             else:
                 widths = checks.real(name, given, unit, low=0.0, high=_WIDEST)
@@ -87,17 +85,21 @@ class StartBox:
         parts = [f"{k.replace('_', ' ')} ± {numbers(w)} {_UNITS.get(k, '')}".strip() for k, w in named.items() if w]
         return ", ".join(parts) or "one state"
 
-    def columns(self, numbers: int, memory: int) -> np.ndarray:
+    def columns(self, joints: int, numbers: int, memory: int) -> np.ndarray:
         """Return the columns (numbers, 8 + memory) of the box, for a policy that remembers `memory` numbers."""
         if isinstance(self.memory, tuple) and len(self.memory) != memory:
             raise ValueError(f"memory has {len(self.memory)} numbers; this policy needs {memory}")
-        halves = [np.broadcast_to(getattr(self, name), JOINTS) for name in _UNITS]
-        made = np.zeros((numbers, STATES + memory))
+        for name in _UNITS:
+            if isinstance(width := getattr(self, name), tuple) and len(width) != joints:
+                raise ValueError(f"{name} has {len(width)} numbers; this arm has {joints} joints")
+        halves = [np.broadcast_to(getattr(self, name), joints) for name in _UNITS]
+        rows, states = layout(joints, 2).rows, 4 * joints
+        made = np.zeros((numbers, states + memory))
         angle, bending = np.diag(np.concatenate(halves[0::2])), np.diag(np.concatenate(halves[1::2]))
-        motors, links = np.r_[ROWS.theta, ROWS.d_theta], np.r_[ROWS.link, ROWS.d_link]
-        made[np.ix_(motors, range(4))], made[np.ix_(links, range(4))] = angle, angle
-        made[np.ix_(links, range(4, 8))] = -bending
-        made[STATES : STATES + memory, STATES:] = np.diag(np.broadcast_to(self.memory, memory))
+        motors, links = np.r_[rows.theta, rows.d_theta], np.r_[rows.link, rows.d_link]
+        made[np.ix_(motors, range(len(angle)))], made[np.ix_(links, range(len(angle)))] = angle, angle
+        made[np.ix_(links, range(len(angle), states))] = -bending
+        made[states : states + memory, states:] = np.diag(np.broadcast_to(self.memory, memory))
         return made
 
 
@@ -119,7 +121,8 @@ class LapSet(NamedTuple):
         constants, others = _parted(deviations)
         totals = deviations.totals()
         apart, room = (_KEPT, _ROOM) if totals.max() > _NARROW else (0, _WIDE_ROOM)
-        least = np.concatenate([np.repeat(_LEAST, JOINTS), 1e-3 * totals[STATES:] + 1e-13])
+        states = len(point[0])
+        least = np.concatenate([np.repeat(_LEAST, states // len(_LEAST)), 1e-3 * totals[states:] + 1e-13])
         order = np.argsort((1.0 / (totals + least)) @ -np.abs(others), kind="stable")
         kept, rest = others[:, order[:apart]], others[:, order[apart:]]
         block, missed = merged(np.hstack([rest, np.diag(deviations.box + least)]))

@@ -18,15 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import dry_frictions
+from fuzzyarm.envs.physics.dynamics import motors
 from fuzzyarm.proof.tip._defects import PeriodMotion, TipForces
 from fuzzyarm.proof.tip._remainders import Drive, LinkRemainder
 from fuzzyarm.proof.tip.centre import Mode, Segment
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition
+from fuzzyarm.proof.tip.transition import Linear, Transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
 __all__ = ["Closed", "Period", "TubeClaim"]
@@ -40,12 +39,12 @@ _LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever cl
 class Closed:
     """A period with a closed tube."""
 
-    tube: np.ndarray  # ρ (18,) in the order of `ROWS`
-    torques: np.ndarray  # w̄ (8,) in the order of `CHANNELS` [N m; N]
+    tube: np.ndarray  # ρ (18,) in the order of `Layout.rows`
+    torques: np.ndarray  # w̄ (8,) in the order of `Layout.channels` [N m; N]
     solution: Transition  # of the linear equation
     drive: Drive  # of the uncertain constants
     columns: np.ndarray  # (8, n) of the zonotope at the end without the torques w̄; those of the constants first
-    known: tuple[Speed, ...]  # of both motors' velocities at the end
+    known: tuple[Speed, ...]  # of the motors' velocities at the end
     plans: tuple[Plan, ...]  # by which the frictions were bounded
     # middle of the friction torques of motors with the plan MIXED [N m], None for others
     drags: tuple[float | None, ...]
@@ -63,18 +62,22 @@ class Period:
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
         force, period = tip.middle, centre.duration
-        self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
+        self.motion, self.plant = PeriodMotion(centre.angles, period, plant.physics), plant
+        self._layout, self._rows, self._channels = plant.layout, plant.layout.rows, plant.layout.channels
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
         self._links = LinkRemainder(self.motion, tip, plant)
-        self._lever, self._lever_spread = self.motion.lever_arms(tip.direction, plant.exact)
+        self._lever = self._lever_spread = np.zeros((plant.physics.joints, plant.physics.axes))
+        if tip.courses.any():
+            self._lever, self._lever_spread = self.motion.lever_arms(tip.directions, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([d.size() for d in self.motion.link_defects(torques, plant.exact)])
         self._constants = Drive.of(self.motion, force, plant)
         self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
-        self._inertia = plant.middle.motor_inertia1, plant.middle.motor_inertia2
+        self._drives = motors(plant.middle, centre.modes)
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
-        self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
-        self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
+        rows = self._rows
+        self._within = [(halves["stiffness"], rows.bending), (halves["damping"], rows.bending_rate)]
+        self._own = [(halves["motor_inertia"], rows.motor_acceleration), (halves["viscous_friction"], rows.d_theta)]
 
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
@@ -87,8 +90,8 @@ class Period:
 
     def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
         """Return the closed period for the zonotope of ξ at its start; `NoBound` if there is none."""
-        plans = [self._plan(joint, start, known[joint], friction) for joint in range(JOINTS)]
-        for _ in range(3 * JOINTS + 1):
+        plans = [self._plan(joint, start, speed, friction) for joint, speed in enumerate(known)]
+        for _ in range(3 * len(plans) + 1):
             try:
                 return self._closed(start, known, plans)
             except PlanFails as failed:
@@ -103,7 +106,7 @@ class Period:
         if mode == Mode.REST and known == (0.0, 0.0):
             return Plan.HELD
         low, high = low_high(self.motion.velocity[joint].range())
-        spread = float(start.totals()[ROWS.d_theta][joint])
+        spread = float(start.totals()[self._rows.d_theta][joint])
         slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
         return Plan.SLIP if slips else Plan.MONOTONE
 
@@ -115,35 +118,35 @@ class Period:
             self.plant.middle, self._links.at, self._lever, np.array([f.slope for f in frictions]),
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
-        driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[ROWS.d_theta]
+        driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[self._rows.d_theta]
         if claimed is None and Plan.MONOTONE in plans:  # no tube is below this, as it holds the start
-            motors = zip(frictions, before, start.size(system.S[ROWS.net]), driven.motor, strict=True)
+            motors = zip(frictions, before, start.size(system.S[self._rows.net]), driven.motor, strict=True)
             least = [f.parted(v, self._period, f.driving(net, constants, 0.0)) for f, v, net, constants in motors]
             self._check_monotone(np.array(least), before, frictions)
         solution = system.over(self._period)
         columns, free = self._free(start, system, solution, driven)
-        tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
+        tube = free[: self._layout.row_count] * 1.01 + 1e-15 if claimed is None else claimed
         for _ in range(_MOST_ROUNDS if claimed is None else 1):
             torques = self._torques(tube, frictions, driven, before, (free, solution.push))
-            reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
+            reached = ((free + solution.push @ torques) * ROUND_UP)[: self._layout.row_count]
             for j, (friction, *torque) in enumerate(zip(frictions, *self._on_motors(tube, driven), strict=True)):
                 if friction.plan is Plan.MONOTONE:  # its velocity is no state, so that its acceleration is given
-                    pull = friction.pull(float(tube[ROWS.net][j]), *torque) / self._inertia[j]
-                    reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
+                    pull = friction.pull(float(tube[self._rows.net][j]), *torque) / self._drives[j].motor_inertia
+                    reached[self._rows.motor_acceleration.start + j] = pull * ROUND_UP
             if (reached < tube).all():
                 if claimed is None:
-                    self._check_monotone(torques[CHANNELS.motor], before, frictions)
+                    self._check_monotone(torques[self._channels.motor], before, frictions)
                 after = self._speeds(tube, frictions, driven)
                 drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
                 return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
             if claimed is not None:
                 raise NoBound(f"the motion may leave the claimed tube, in row {int(np.argmax(reached - tube))}")
-            if not (reached[ROWS.theta].max() < _LARGEST and reached[ROWS.link].max() < _LARGEST):
+            if not (reached[self._rows.theta].max() < _LARGEST and reached[self._rows.link].max() < _LARGEST):
                 break
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
-        worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
+        worst = int(np.argmax(solution.push[self._rows.link].sum(axis=0) * torques))
         raise NoBound(
-            f"no tube was found: the wider it is, the larger the torque {torques[worst]:.3g} on {_NAMES[worst]}"
+            f"no tube was found: the wider it is, the larger the torque {torques[worst]:.3g} on {self._name(worst)}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
@@ -165,24 +168,26 @@ class Period:
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
         """Raise `PlanFails` if a plan MONOTONE bounds a velocity hardly better than the friction itself."""
-        static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
-        for j, friction in enumerate(frictions):
-            grown = after[j] - before[j]
-            if friction.plan is Plan.MONOTONE and grown * self._inertia[j] > _MOST_DRIVEN * static[j] * self._period:
+        for j, (friction, own) in enumerate(zip(frictions, self._drives, strict=True)):
+            pulled = (after[j] - before[j]) * own.motor_inertia
+            if (
+                friction.plan is Plan.MONOTONE
+                and pulled > _MOST_DRIVEN * own.dry_friction.static_friction * self._period
+            ):
                 raise PlanFails(j)
 
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the columns (8, n) at the end, and the bound (18 + n,) of |S ξ_h| during the period."""
-        S, D, b, states = system.S, system.D, system.b, slice(0, STATES)
+        S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
         constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
         columns[:, :constants] += solution.held @ driven.level + solution.ramp @ driven.slope
         whole = Zonotope(len(columns), constants)
         whole.columns, whole.box = columns, solution.growth @ (start.box + SLACK * totals)
         end = whole.part(slice(None))
-        own, others = np.diag(S)[states], slice(STATES, None)  # a state is observed by itself, see `linear`
+        own, others = np.diag(S)[states], slice(states.stop, None)  # a state is observed by itself, see `linear`
         first = start.size(S[others], D[others] @ (driven.level - driven.slope))
         last = end.size(S[others], D[others] @ (driven.level + driven.slope))
         ends = np.maximum([*(own * totals[states]), *first], [*(own * end.totals()[states]), *last])
@@ -212,30 +217,33 @@ class Period:
     ) -> np.ndarray:
         """Return w̄ (8,) for a claimed tube; every observed number lies within free + push w̄, the pair `observed`."""
         torques = driven.rest.copy()
-        torques[CHANNELS.link] += self._defect
-        torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
-        torques[CHANNELS.joint] += sum(half * tube[rows] for half, rows in self._within)
-        torques[CHANNELS.tip] += self._tip.courses
+        torques[self._channels.link] += self._defect
+        torques[self._channels.link] += self._lever_spread @ self._tip.courses
+        torques[self._channels.joint] += sum(half * tube[rows] for half, rows in self._within)
+        torques[self._channels.tip] += self._tip.courses
         for j, (friction, *torque) in enumerate(zip(frictions, *self._on_motors(tube, driven), strict=True)):
-            channel, net = CHANNELS.motor.start + j, tube[ROWS.net][j]
+            channel, net = self._channels.motor.start + j, tube[self._rows.net][j]
             if friction.plan is Plan.MONOTONE:
                 torques[channel] = friction.parted(before[j], self._period, friction.driving(net, *torque))
             else:  # the products within the joint have a channel of their own; a motor that sticks feels them, too
-                torques[channel] += friction.bound(tube[ROWS.d_theta][j], net, *torque)
-        torques[CHANNELS.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
+                torques[channel] += friction.bound(tube[self._rows.d_theta][j], net, *torque)
+        torques[self._channels.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
-        """Return bounds of both motors' velocities at the end."""
-        found, ends = list[Speed](), self.motion.at(1)[ROWS.d_theta]
+        """Return bounds of the motors' velocities at the end."""
+        found, ends = list[Speed](), self.motion.at(1)[self._rows.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)
         ):
-            radius, (low, high) = float(tube[ROWS.d_theta][j]), low_high(ends[j])
-            spread = float(tube[ROWS.net][j] + constants + products)
+            radius, (low, high) = float(tube[self._rows.d_theta][j]), low_high(ends[j])
+            spread = float(tube[self._rows.net][j] + constants + products)
             found.append(friction.after(radius, spread, (low - radius, high + radius)))
         return tuple(found)
 
+    def _name(self, channel: int) -> str:
+        kind = next(kind for kind, places in vars(self._channels).items() if channel < places.stop)
+        return f"{'tip axis' if kind == 'tip' else kind} {channel - getattr(self._channels, kind).start + 1}"
+
 
 _PRODUCTS = ("stiffness", "damping", "motor_inertia", "viscous_friction")
-_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]  # of the channels

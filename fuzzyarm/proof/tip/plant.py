@@ -11,15 +11,16 @@ in any measurable way: the friction torque of a set with ``any`` friction, the t
 
     p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
 
-because the constants c1..c5 of (3) are affine in the factors of the masses and in the payload, and R is linear in them.
+because the constants of the links, c1..c5 of (3) for the paper's arm, are affine in the factors of the masses and in
+the payload, and R is linear in them.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import operator
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -28,12 +29,13 @@ from flint import arb
 from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml, record
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import VARIED, PerJoint, filled, flat
+from fuzzyarm.envs.physics.dynamics import Motor
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of
+from fuzzyarm.envs.physics.records import Physics, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
-from fuzzyarm.proof.tip.enclosures import between, middle_of
+from fuzzyarm.proof.tip.enclosures import NoBound, between, middle_of
+from fuzzyarm.proof.tip.transition import Layout, layout
 
 __all__ = [
     "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "PlantSet", "check_set_name", "exactly", "find_set",
@@ -57,7 +59,7 @@ _LONGEST_LABEL = 60  # characters
 class PlantSet:
     """Ranges (low, high) of constants, and bounds on quantities that vary with time; the defaults are Table 1.
 
-    The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
+    The range of a factor of `BY_JOINT` may be given for each joint of a two-joint arm: ``((low, high), (low, high))``.
     """
 
     mass: _Factor = (1.0, 1.0)  # factor of each link's mass and inertia, one per link
@@ -72,7 +74,7 @@ class PlantSet:
     friction: Literal["law", "any"] = "law"
     # largest share of the case's tip force by which its factor may vary, in any course in time
     force_swing: float = 0.0
-    force_course: float = 0.0  # largest component along x and along y of a further tip force, of any course in time [N]
+    force_course: float = 0.0  # largest component along each axis of a further tip force, of any course in time [N]
     noise: _Range = (0.0, 0.0)  # largest error of a measured motor angle [rad] and velocity [rad/s]
     # whole control periods by which every torque acts late; until the first acts, it is held from the start
     late: int = 0
@@ -216,8 +218,7 @@ def find_set(name: str | Path) -> PlantSet:
         raise ValueError(f"{path}: {error}") from None
 
 
-_LUMPED = ("c1", "c2", "c3", "c4", "c5")
-_ROUNDED = 2.0**-46  # relative: the environment computes c1..c5 in floats
+_ROUNDED = 2.0**-46  # relative: the environment computes the constants of the links in floats
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,61 +228,69 @@ class _Parameter:
     kind: str  # "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction"
     joint: int  # whose constant it is; 0 for the payload and the force
     half: float  # half the width of its range, in its unit; relative to the middle for dry friction and the force
-    arm: Arm | None = None  # constants ∂c/∂p times `half`, for a mass or the payload
+    arm: Any = None  # constants ∂c/∂p times `half`, for a mass or the payload
 
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
     """All arms of a set, in floats and balls."""
 
-    middle: Arm  # constants in floats, of the arm in the middle
-    exact: Arm  # the same in balls that hold the exact constants of that arm
+    physics: Physics  # the equations of the arms
+    middle: Any  # constants in floats, of the arm in the middle
+    exact: Any  # the same in balls that hold the exact constants of that arm
     parameters: tuple[_Parameter, ...]  # what is uncertain
     # lowest and highest factor of the dry friction of each motor, relative to the middle
     share: tuple[tuple[float, float], ...]
 
+    @property
+    def layout(self) -> Layout:
+        """The places of the numbers of these arms."""
+        return layout(self.physics.joints, self.physics.axes)
+
     @classmethod
-    def of(cls, parameters: ArmParameters, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
+    def of(cls, parameters: AnyArm, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
         """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
-        nominal, scaled, uncertain = plant_of(parameters), dict[str, Any](), list[_Parameter]()
-        for name, fields in _FACTORS.items():
-            ranges = [plants.of_joint(name, joint) for joint in range(JOINTS)]
-            for field in fields:
-                scaled[field] = PerJoint(
-                    *(0.5 * sum(b) * x for b, x in zip(ranges, getattr(nominal, field), strict=True))
-                )
-            if name not in ("mass", "dry_friction"):
-                for joint, middle in enumerate(getattr(nominal, fields[0])):
-                    if half := _half(ranges[joint]):
-                        uncertain.append(_Parameter(name, joint, half * middle))
-        share = tuple(_share(plants.of_joint("dry_friction", joint)) for joint in range(JOINTS))
-        for joint, (low, high) in enumerate(share):
-            if low < high:
-                uncertain.append(_Parameter("dry_friction", joint, max(1.0 - low, high - 1.0)))
-        arm: Arm = lump(_in_balls(nominal._replace(**scaled)))
-        payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
-        for mass, radius in (payload, (0.5 * sum(plants.payload), parameters.length[-1])):
-            arm = loaded(arm, arb(mass), arb(radius), arb(parameters.gravity))
-        rounded = between(1.0 - _ROUNDED, 1.0 + _ROUNDED)
-        exact = arm._replace(**{name: getattr(arm, name) * rounded for name in _LUMPED})
-        return cls(
-            filled(Arm, (middle_of(x) for x in flat(exact))),
-            exact,
-            (*uncertain, *_mass_units(_in_balls(nominal), plants, parameters, disturbance)),
-            share,
-        )
+        physics = equations_of(parameters)
+        joints, nominal = range(physics.joints), physics.plant_of(parameters)
+        if len(joints) != JOINTS and any(isinstance(getattr(plants, name)[0], tuple) for name in BY_JOINT):
+            raise NoBound(f"the set has ranges for {JOINTS} joints; give one range for all {len(joints)} of this robot")
+        ranges = {name: [plants.of_joint(name, joint) for joint in joints] for name in BY_JOINT}
+        middles = {name: [0.5 * sum(part) for part in parts] for name, parts in ranges.items()}
+        share = tuple(map(_share, ranges["dry_friction"]))
+        uncertain = [
+            _Parameter("dry_friction", joint, max(1.0 - low, high - 1.0))
+            for joint, (low, high) in enumerate(share)
+            if low < high
+        ]
+        middle = physics.varied(nominal, _factors(physics, middles))
+        for name in sorted(set(BY_JOINT) - {"mass", "dry_friction"}):
+            halves = [
+                _half(part) * value for part, value in zip(ranges[name], robot_of(parameters).drive(name), strict=True)
+            ]
+            uncertain += [_Parameter(name, joint, float(half)) for joint, half in enumerate(halves) if half]
+        carried = disturbance.payload.mass, physics.payload_place(disturbance.payload, parameters)
+        given = [*carried, 0.5 * sum(plants.payload)]
+        exact = physics.constants(_in_balls(middle), *map(arb, given))
+        rounded, floats = between(1.0 - _ROUNDED, 1.0 + _ROUNDED), physics.constants(middle, *given)
+        links = [name for name in exact._fields if name.rstrip("0123456789") not in Motor._fields]
+        wide = {name: (getattr(exact, name) * rounded).union(arb(getattr(floats, name))) for name in links}
+        exact = exact._replace(**wide)
+        masses = _mass_units(physics, _in_balls(nominal), plants, disturbance)
+        floats = filled(type(exact), (middle_of(x) for x in flat(exact)))
+        return cls(physics, floats, exact, (*uncertain, *masses), share)
 
     def half(self, kind: str) -> list[float]:
         """Return half the width of a constant's range by joint, 0 where it is certain."""
-        widths = [0.0] * JOINTS
+        widths = [0.0] * self.physics.joints
         for parameter in self.parameters:
             if parameter.kind == kind:
                 widths[parameter.joint] = parameter.half
         return widths
 
 
-_FACTORS = {name: tuple(field for field, factor in VARIED.items() if factor == name) for name in BY_JOINT}
-"""The fields of `Plant` that a factor of the set scales."""
+def _factors(physics: Physics, by_name: dict[str, list[Any]]) -> Any:
+    """Return factors of `BY_JOINT` by joint as a draw that `Physics.varied` takes."""
+    return SimpleNamespace(**{name: physics.PerJoint(*values) for name, values in by_name.items()})
 
 
 def _share(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -296,24 +305,22 @@ def _half(bounds: tuple[float, float]) -> float:
 
 
 def _in_balls(plant: Any) -> Any:
-    return Plant(*(PerJoint(*map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant))
+    return filled(type(plant), map(arb, flat(plant)))
 
 
-def _mass_units(
-    plant: Any, plants: PlantSet, parameters: ArmParameters, disturbance: Disturbance
-) -> Iterator[_Parameter]:
+def _mass_units(physics: Physics, plant: Any, plants: PlantSet, disturbance: Disturbance) -> Iterator[_Parameter]:
     """Yield the masses, payload and tip force that are uncertain, with the constants ∂c/∂p times half their range."""
+    joints = range(physics.joints)
 
-    def weighing(share: list[Any]) -> Any:
-        parts = {f: PerJoint(*map(operator.mul, getattr(plant, f), share)) for f in _FACTORS["mass"]}
-        return lump(plant._replace(**parts))
+    def weighing(share: list[Any], tip: Any) -> Any:
+        draw = dict.fromkeys(BY_JOINT, [arb(1)] * len(joints)) | {"mass": share}
+        return physics.constants(physics.varied(plant, _factors(physics, draw)), arb(0), arb(0), tip)
 
-    for joint in range(JOINTS):
+    for joint in joints:
         if half := _half(plants.of_joint("mass", joint)):
-            yield _Parameter("mass", joint, half, weighing([arb(half if j == joint else 0.0) for j in range(JOINTS)]))
-    massless = weighing([arb(0)] * JOINTS)
+            yield _Parameter("mass", joint, half, weighing([arb(half if j == joint else 0.0) for j in joints], arb(0)))
+    massless = [arb(0)] * len(joints)
     if half := _half(plants.payload):
-        tip = arb(parameters.length[-1])
-        yield _Parameter("payload", 0, half, loaded(massless, arb(half), tip, plant.gravity))
+        yield _Parameter("payload", 0, half, weighing(massless, arb(half)))
     if (half := _half(plants.force)) and disturbance.tip_force is not None:
-        yield _Parameter("force", 0, half / (0.5 * sum(plants.force)), massless)
+        yield _Parameter("force", 0, half / (0.5 * sum(plants.force)), weighing(massless, arb(0)))

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common.checks import shown
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.law import law_of, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
@@ -28,7 +27,6 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
 
 __all__ = ["Response", "SampledLaw"]
 
-_MEASURED = 2 * JOINTS  # numbers of θ, θ̇, which come before those of the memory
 _WORTH_A_COLUMN = 1e-3  # share of a number from which an unknown keeps its column
 _MOST_UNKNOWNS = 6  # unknowns for each number, beyond which they are merged
 _RUNS = 6  # runs that show which parts of the memory depend on the measurements
@@ -51,10 +49,10 @@ class Response(NamedTuple):
 
 
 class SampledLaw:
-    """The law of a policy of the two-joint arm, sample by sample."""
+    """The law of a policy, sample by sample."""
 
     def __init__(self, policy: Policy, references: np.ndarray) -> None:
-        """Take a policy and the references (samples, 6) of its observations; `NoBound` if it has no enclosure."""
+        """Take a policy and the references (samples, 3 n) of its observations; `NoBound` if it has no enclosure."""
         if type(policy) in _UNKNOWN:
             raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has a bound")
         law = law_of(policy)
@@ -63,14 +61,15 @@ class SampledLaw:
                 f"there is no bound for {shown(type(policy).__name__)}, which has no `Law`; choose a fuzzy policy or "
                 "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
             )
-        self._law, self._references = law, references
+        self._law, self._references, self._joints = law, references, policy.joints
+        self._measured = 2 * policy.joints  # numbers of θ, θ̇, which come before those of the memory
         # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
         asked = np.repeat(references[:, np.newaxis], _RUNS, axis=1)
         apart = 0.1 ** np.arange(_RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(
-            size=(len(asked), 1, _MEASURED)
+            size=(len(asked), 1, self._measured)
         )
-        observations = np.concatenate([asked[:, :, :_MEASURED] + apart, asked], axis=2)
-        memory, torque, held = np.zeros((_RUNS, policy.memory_size)), np.empty((_RUNS, JOINTS)), []
+        observations = np.concatenate([asked[:, :, : self._measured] + apart, asked], axis=2)
+        memory, torque, held = np.zeros((_RUNS, policy.memory_size)), np.empty((_RUNS, policy.joints)), []
         for observation in observations:
             held.append(memory.copy())
             policy.act(observation, memory, torque)
@@ -105,9 +104,9 @@ class SampledLaw:
     def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
         """Return (u, m⁺) as affine numbers of a space."""
         variables, memory = space.variables(point), self._held[k, 0].tolist()
-        for place, number in zip(self.remembered.tolist(), variables[_MEASURED:], strict=True):
+        for place, number in zip(self.remembered.tolist(), variables[self._measured :], strict=True):
             memory[place] = number
-        seen = like(seen_by(JOINTS), iter([*variables[:_MEASURED], *self._references[k].tolist()]))
+        seen = like(seen_by(self._joints), iter([*variables[: self._measured], *self._references[k].tolist()]))
         law = self._law
         after, torque = law.act(like(law.memory, iter(memory)), seen, law.constants, *law.tables)
         numbers, own = [*_numbers((after,))], set(self.remembered.tolist())

@@ -4,42 +4,49 @@
 
 Every matrix X is a float matrix with |X - X_exact| <= SLACK |X|', where X' is the same expression with the absolute
 value of each factor: |A|' for A, E = exp(|A|' T) for exp(A t), t <= T, and so on (`enclosures`). The series of the
-exponential is cut after `_TERMS` terms; |A| T is below one in the units that balance it, so the rest is below 1e-24 E.
+exponential is cut after `_TERMS` terms X_i. The rest is at most X E for the last of them, X, which `over` checks.
 """
 
 from __future__ import annotations
 
+import functools
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm
-from fuzzyarm.proof.tip.enclosures import SLACK
+from fuzzyarm.envs.physics.dynamics import motors
+from fuzzyarm.proof.tip.enclosures import SLACK, NoBound
 
-__all__ = ["CHANNELS", "CHANNEL_COUNT", "OBSERVED", "ROWS", "ROW_COUNT", "STATES", "Linear", "Transition"]
+__all__ = ["Layout", "Linear", "Transition", "layout"]
 
 _TERMS = 24
 _PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
 
 
-def _slices(names: str) -> SimpleNamespace:
-    """Return slices by name, each of `JOINTS` numbers, one after the other."""
-    return SimpleNamespace(**{name: slice(i * JOINTS, (i + 1) * JOINTS) for i, name in enumerate(names.split())})
+class Layout:
+    """The places of the numbers of an arm with n joints, whose tip moves in 2 or 3 axes; sizes below are for n = 2."""
+
+    def __init__(self, joints: int, axes: int) -> None:
+        def slices(names: str) -> SimpleNamespace:
+            return SimpleNamespace(**{k: slice(i * joints, (i + 1) * joints) for i, k in enumerate(names.split())})
+
+        self.joints, self.axes = joints, axes
+        # rows of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈
+        self.rows = slices("theta link d_theta d_link bending bending_rate net motor_acceleration link_acceleration")
+        # places of disturbing torques: the motors, the links, within the joints, and the tip along its axes
+        self.channels = slices("motor link joint")
+        self.channels.tip = slice(self.channels.joint.stop, self.channels.joint.stop + axes)
+        self.states = self.rows.d_link.stop  # numbers of δθ, δq, δθ̇, δq̇
+        self.row_count, self.channel_count = self.rows.link_acceleration.stop, self.channels.tip.stop
+        # rows of δq̈, δq and δq̇; further rows, which follow the 18 others, are combinations of them
+        self.observed = np.r_[self.rows.link_acceleration, self.rows.link, self.rows.d_link]
 
 
-CHANNELS = _slices("motor link joint tip")
-"""The places of disturbing torques: the motors, the links, within the joints, and the tip along x and y."""
-ROWS = _slices("theta link d_theta d_link bending bending_rate net motor_acceleration link_acceleration")
-"""The observed rows of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈."""
-CHANNEL_COUNT = JOINTS * len(vars(CHANNELS))  # numbers of all channels
-ROW_COUNT = JOINTS * len(vars(ROWS))  # numbers of these rows
-STATES = ROWS.d_link.stop  # numbers of δθ, δq, δθ̇, δq̇
-_SIZE = STATES + JOINTS  # of ξ
-_ACCELERATIONS = (ROWS.motor_acceleration, ROWS.d_theta), (ROWS.link_acceleration, ROWS.d_link)
-OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
-"""Rows of δq̈, δq and δq̇; further rows, which follow the 18 others, are combinations of them."""
+@functools.cache
+def layout(joints: int, axes: int) -> Layout:
+    """Return the places of the numbers of an arm; always the same object."""
+    return Layout(joints, axes)
 
 
 class Transition(NamedTuple):
@@ -73,7 +80,7 @@ class Linear(NamedTuple):
     @classmethod
     def of(
         cls,
-        arm: Arm,
+        arm: Any,
         links: tuple[np.ndarray, np.ndarray, np.ndarray],
         lever: np.ndarray,
         slip: np.ndarray,
@@ -94,54 +101,60 @@ class Linear(NamedTuple):
             products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
         """
         mass, stiff, damp = links
-        K, B = np.diag([arm.stiffness1, arm.stiffness2]), np.diag([arm.damping1, arm.damping2])
-        inertia, viscous = np.array([arm.motor_inertia1, arm.motor_inertia2]), np.array([arm.viscous1, arm.viscous2])
+        at = layout(*lever.shape)
+        n, rows, channels, size_of_xi = at.joints, at.rows, at.channels, at.states + at.joints
+        drives = motors(arm, slip)
+        K, B = np.diag([own.stiffness for own in drives]), np.diag([own.damping for own in drives])
+        inertia, viscous = (np.array([getattr(own, name) for own in drives]) for name in ("motor_inertia", "viscous"))
         inverse = np.linalg.inv(mass)
         free = np.where(still, 0.0, 1.0 / inertia)
-        A, b = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, CHANNEL_COUNT))
-        A[ROWS.theta, ROWS.d_theta] = np.diag(np.where(still, 0.0, 1.0))
-        A[ROWS.link, ROWS.d_link] = np.eye(JOINTS)
+        A, b = np.zeros((size_of_xi, size_of_xi)), np.zeros((size_of_xi, at.channel_count))
+        A[rows.theta, rows.d_theta] = np.diag(np.where(still, 0.0, 1.0))
+        A[rows.link, rows.d_link] = np.eye(n)
         size = A.copy()
-        joint = np.hstack([-K, K, -B, B, np.eye(JOINTS)])  # δu - K φ - B φ̇
+        joint = np.hstack([-K, K, -B, B, np.eye(n)])  # δu - K φ - B φ̇
         motor = joint.copy()
-        motor[:, ROWS.d_theta] += np.diag(slip - viscous)
-        A[ROWS.d_theta], size[ROWS.d_theta] = free[:, np.newaxis] * motor, free[:, np.newaxis] * np.abs(motor)
-        link = np.hstack([K, -K - stiff, B, -B - damp, np.zeros((JOINTS, JOINTS))])
-        A[ROWS.d_link], size[ROWS.d_link] = inverse @ link, np.abs(inverse) @ np.abs(link)
-        b[ROWS.d_theta, CHANNELS.motor] = np.diag(free)
-        b[ROWS.d_link, CHANNELS.link] = inverse
-        b[ROWS.d_theta, CHANNELS.joint], b[ROWS.d_link, CHANNELS.joint] = -np.diag(free), inverse
-        b[ROWS.d_link, CHANNELS.tip] = inverse @ lever
-        S, D = np.zeros((ROW_COUNT, _SIZE)), np.zeros((ROW_COUNT, CHANNEL_COUNT))
-        S[:STATES, :STATES] = np.eye(STATES)
-        S[ROWS.bending] = np.eye(JOINTS, _SIZE) - np.eye(JOINTS, _SIZE, JOINTS)
-        S[ROWS.bending_rate] = np.eye(JOINTS, _SIZE, 2 * JOINTS) - np.eye(JOINTS, _SIZE, 3 * JOINTS)
-        S[ROWS.net] = joint
-        S[ROWS.net, ROWS.d_theta] -= np.diag(viscous)
-        for rows, rates in _ACCELERATIONS:
-            S[rows], D[rows] = A[rates], b[rates]
+        motor[:, rows.d_theta] += np.diag(slip - viscous)
+        A[rows.d_theta], size[rows.d_theta] = free[:, np.newaxis] * motor, free[:, np.newaxis] * np.abs(motor)
+        link = np.hstack([K, -K - stiff, B, -B - damp, np.zeros((n, n))])
+        A[rows.d_link], size[rows.d_link] = inverse @ link, np.abs(inverse) @ np.abs(link)
+        b[rows.d_theta, channels.motor] = np.diag(free)
+        b[rows.d_link, channels.link] = inverse
+        b[rows.d_theta, channels.joint], b[rows.d_link, channels.joint] = -np.diag(free), inverse
+        b[rows.d_link, channels.tip] = inverse @ lever
+        S, D = np.zeros((at.row_count, size_of_xi)), np.zeros((at.row_count, at.channel_count))
+        S[: at.states, : at.states] = np.eye(at.states)
+        S[rows.bending] = np.eye(n, size_of_xi) - np.eye(n, size_of_xi, n)
+        S[rows.bending_rate] = np.eye(n, size_of_xi, 2 * n) - np.eye(n, size_of_xi, 3 * n)
+        S[rows.net] = joint
+        S[rows.net, rows.d_theta] -= np.diag(viscous)
+        accelerations = (rows.motor_acceleration, rows.d_theta), (rows.link_acceleration, rows.d_link)
+        for those, rates in accelerations:
+            S[those], D[those] = A[rates], b[rates]
         for j in np.flatnonzero(given).tolist():  # the motor's channel stands for its velocity
-            velocity, channel, row = ROWS.d_theta.start + j, CHANNELS.motor.start + j, ROWS.motor_acceleration.start + j
+            velocity, channel, row = rows.d_theta.start + j, channels.motor.start + j, rows.motor_acceleration.start + j
             A[velocity], size[velocity], b[velocity], S[row], D[row] = 0.0, 0.0, 0.0, 0.0, 0.0
             b[:, channel], D[:, channel] = A[:, velocity], S[:, velocity]
             A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
         size_of_rows = np.abs(S)
-        for rows, rates in _ACCELERATIONS:
-            size_of_rows[rows] = size[rates]
-        S, D = np.vstack([S, products @ S[OBSERVED]]), np.vstack([D, products @ D[OBSERVED]])
-        size_of_rows = np.vstack([size_of_rows, np.abs(products) @ size_of_rows[OBSERVED]])
+        for those, rates in accelerations:
+            size_of_rows[those] = size[rates]
+        S, D = np.vstack([S, products @ S[at.observed]]), np.vstack([D, products @ D[at.observed]])
+        size_of_rows = np.vstack([size_of_rows, np.abs(products) @ size_of_rows[at.observed]])
         return cls(A, size, b, S, size_of_rows, D)
 
     def over(self, period: float) -> Transition:
         """Return the solution over T [s]."""
         A, size, b, S, _, D = self
-        powers, bounds = [np.eye(_SIZE)], np.eye(_SIZE)
-        growth = np.eye(_SIZE)
+        powers, bounds = [np.eye(len(A))], np.eye(len(A))
+        growth = np.eye(len(A))
         for i in range(1, _TERMS):
             powers.append(powers[-1] @ A / i)
             bounds = bounds @ size * (period / i)
             growth += bounds
         growth = growth * (1.0 + 1e-9)
+        if not (bounds @ growth <= 1e-3 * SLACK * growth).all():
+            raise NoBound(f"the arm is too stiff or too strongly damped for a control period of {period:g} s")
         stack = np.array(powers)  # A^i / i!
         order = np.arange(_TERMS)
         h = period / _PARTS

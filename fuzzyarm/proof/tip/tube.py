@@ -3,79 +3,92 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import operator
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from flint import arb, ctx
+from flint import arb, arb_series, ctx
 
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm
-from fuzzyarm.envs.physics.equations import tip_point
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
+from fuzzyarm.envs.scenario.reference import PathReference
 from fuzzyarm.proof.tip._between import between_samples
-from fuzzyarm.proof.tip._defects import Forces, Signal, TipForces
+from fuzzyarm.proof.tip._defects import Signal, TipForces
 from fuzzyarm.proof.tip.centre import Centre, Segment
-from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
+from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, Jet, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.sampled_law import Response, SampledLaw
-from fuzzyarm.proof.tip.transition import CHANNELS, ROWS, STATES
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube", "tip_bound"]
 
-_DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
+_DIRECTIONS = 48  # of the polygon around the tip's deviations in a plane; it is at most 0.06 % larger than they are
 _COARSE = 6  # every how many of them are looked at first
+_CIRCLES = 19  # of directions in space; the polyhedron is at most 0.4 % larger than the deviations
 
 
-def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[float]) -> tuple[float, np.ndarray]:
+def tip_bound(
+    state: np.ndarray, deviations: Zonotope, plant: BallPlant, wanted: list[float]
+) -> tuple[float, np.ndarray]:
     """Return a bound of the tip error [m] at a sample, and the share of each source: `SOURCES`, constants, centre.
 
-    For the centre's state (8,), the zonotope of deviations, the arm and the target point p_r = (x, y) [m],
+    For the centre's state (8,), the zonotope of deviations, the arm and the target point p_r [m],
 
-    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
-    that touches it in `_DIRECTIONS` directions, and likewise with the centre's error added.
+    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, p'' of the straight course from q_y to q. The zonotope J δq lies in
+    the polygon or polyhedron that touches it in certain directions, and likewise with the centre's error added.
     """
-    angles = PerJoint(*(arb(x) for x in state[ROWS.link].tolist()))
-    tip = tip_point(angles, arm)
-    x, y = largest(tip.x - wanted[0]), largest(tip.y - wanted[1])
-    offset = math.hypot(x, y) * ROUND_UP
-    q12 = angles.joint1 + angles.joint2
-    second = [-arm.length2 * q12.sin(), arm.length2 * q12.cos()]
-    first = [-arm.length1 * angles.joint1.sin() + second[0], arm.length1 * angles.joint1.cos() + second[1]]
-    jacobian = np.array([[middle_of(first[i]), middle_of(second[i])] for i in range(2)])
-    turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    rows, links = units @ jacobian, deviations.part(ROWS.link)
-    aside = np.abs(units @ [middle_of(tip.x) - wanted[0], middle_of(tip.y) - wanted[1]])
+    physics, links = plant.physics, deviations.part(plant.layout.rows.link)
+    angles, radius = [arb(x) for x in state[plant.layout.rows.link].tolist()], links.totals()
+    tip = physics.tip(physics.PerJoint(*(Jet.variable(x, j) for j, x in enumerate(angles))), plant.exact)
+    jacobian = np.array([[middle_of(axis.slope(j)) for j in range(len(angles))] for axis in tip])
+    away = [axis.value - x for axis, x in zip(tip, wanted, strict=True)]
+    offset = math.hypot(*map(largest, away)) * ROUND_UP
+    units, corner = _units(physics.axes)
+    rows, aside = units @ jacobian, np.abs(units @ [middle_of(x) for x in away])
     reach, reached = _reach(links, rows, aside)
     direction = int(np.argmax(np.where(reached, reach + aside, 0.0)))
-    corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / _DIRECTIONS)
     farthest = float((reach + aside)[direction])
     widest = min(offset + float(reach.max()) * corner, (farthest + SLACK * offset + 1e-15) * corner)
-    radius = links.totals()
-    lengths = [largest(arm.length1), largest(arm.length2)]
-    bent = 0.5 * (lengths[0] * radius[0] ** 2 + lengths[1] * (radius[0] + radius[1]) ** 2)
+    ctx.cap = 3
+    boxes = (arb_series([arb(q, r), arb(0.0, r)]) for q, r in zip(angles, radius.tolist(), strict=True))
+    bent = math.hypot(*(largest(axis[2]) for axis in physics.tip(physics.PerJoint(*boxes), plant.exact)))
     image = np.abs(rows[direction] @ links.columns)
     made = deviations.source >= 0
     shares = np.bincount(deviations.source[made], image[made], len(SOURCES))
-    bound = (widest + float(bent)) * ROUND_UP
+    bound = (widest + bent) * ROUND_UP
     return bound, np.array([*shares, image[~made].sum(), aside[direction]])
 
 
+@functools.cache
+def _units(axes: int) -> tuple[np.ndarray, float]:
+    """Return directions, rows, and 1/cos α: every unit vector or its negative is within the angle α of one of them."""
+    if axes == 2:
+        turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+        return np.stack([np.cos(turns), np.sin(turns)], axis=1), (1.0 + 1e-12) / math.cos(0.5 * math.pi / _DIRECTIONS)
+    # Circles of latitude, `apart` from one another and with directions as far apart or closer on each: every point of
+    # the half sphere is within half of `apart` of a circle, and on it within half of `apart` of a direction.
+    apart, units = 0.5 * math.pi / (_CIRCLES - 1), list[tuple[float, float, float]]()
+    for height in apart * np.arange(_CIRCLES):
+        count = max(1, math.ceil(2.0 * math.pi * math.cos(height) / apart))
+        turns = 2.0 * np.pi * np.arange(count) / count
+        units += [(math.cos(height) * math.cos(t), math.cos(height) * math.sin(t), math.sin(height)) for t in turns]
+    return np.array(units), (1.0 + 1e-12) / math.cos(apart)
+
+
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reach in the relevant directions, zero in the others, and a mask of them.
+    """Return the reach in the relevant directions, zero in the others, and a mask of them; in space all are relevant.
 
     The farthest point v of a symmetric set with reach h is seen from the nearest of the `_COARSE` directions c under an
     angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c
     are the others needed. The two sets are the deviations, without and with the centre's own error.
     """
+    if len(rows) != _DIRECTIONS:
+        return links.size(rows), np.ones(len(rows), dtype=bool)
     coarse = np.arange(0, _DIRECTIONS, _COARSE)
     reach, reached = np.zeros(_DIRECTIONS), np.zeros(_DIRECTIONS, dtype=bool)
     reach[coarse], reached[coarse] = links.size(rows[coarse]), True
@@ -87,24 +100,25 @@ def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.nda
     return reach, reached
 
 
-_LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
+_FORCE, _LAW, _ROUNDING = map(SOURCES.index, ("force", "law and noise", "rounding"))
 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
     """The motion, the policy and the set of plants whose tip error is to be bounded."""
 
-    parameters: ArmParameters  # of the policy's arm
+    parameters: AnyArm  # of the policy's arm
     start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
-    reference: JointReference  # the motion, of one lap
+    reference: PathReference  # the motion, of one lap
     schedule: Schedule  # reference, tip force and target of every control step
     period: float  # T [s]
     law: SampledLaw  # the policy, sample by sample
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
     box: StartBox | None = None  # about the start, in which the first lap begins; None: in the start itself
-    # δ (2,) [N m] by which a guest moves the law's torque at every sample; the motors' limits apply afterwards
-    guest: tuple[float, ...] = (0.0,) * JOINTS
+    # δ (2,) [N m] by which a guest moves the law's torque at every sample, empty for none; the motors' limits apply
+    # afterwards
+    guest: tuple[float, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,26 +145,28 @@ class _State:
     centre: np.ndarray  # θ, q, θ̇, q̇ of the centre (8,)
     memory: np.ndarray  # memory of the policy at the centre
     deviations: Zonotope  # zonotope and box that hold every deviation from the centre
-    speeds: tuple[Speed, ...]  # bounds of both motors' velocities that hold beside the zonotope
+    speeds: tuple[Speed, ...]  # bounds of the motors' velocities that hold beside the zonotope
     drags: tuple[float | None, ...]  # friction torques of the plan MIXED in the segment before [N m], see `Closed`
     waiting: np.ndarray | None  # torque that acts in the next control step (2,) [N m], where torques act late
 
     @classmethod
     def at_rest(cls, problem: Problem) -> _State:
         """Return the state in which the environment begins: one state, at rest on the reference."""
-        numbers = STATES + problem.law.memory + JOINTS * problem.plants.late
+        joints, states = problem.plant.physics.joints, problem.plant.layout.states
+        numbers = states + problem.law.memory + joints * problem.plants.late
         start = Zonotope(numbers, len(problem.plant.parameters))
-        still = (Speed(0.0, 0.0),) * JOINTS
+        still = (Speed(0.0, 0.0),) * joints
         if problem.box is not None:
-            start.add(problem.box.columns(numbers, problem.law.memory), SOURCES.index("start of the lap"))
-            still = (Speed(-math.inf, math.inf),) * JOINTS
-        return cls(problem.start, np.zeros(problem.law.memory), start, still, (None,) * JOINTS, None)
+            start.add(problem.box.columns(joints, numbers, problem.law.memory), SOURCES.index("start of the lap"))
+            still = (Speed(-math.inf, math.inf),) * joints
+        return cls(problem.start, np.zeros(problem.law.memory), start, still, (None,) * joints, None)
 
     @classmethod
     def within(cls, start: LapSet) -> _State:
         """Return the state in which a later lap begins: any of a set."""
-        speeds, waiting = (Speed(-math.inf, math.inf),) * JOINTS, start.waiting if len(start.waiting) else None
-        return cls(start.centre, start.memory, start.deviations(), speeds, (None,) * JOINTS, waiting)
+        joints, waiting = len(start.centre) // 4, start.waiting if len(start.waiting) else None
+        speeds = (Speed(-math.inf, math.inf),) * joints
+        return cls(start.centre, start.memory, start.deviations(), speeds, (None,) * joints, waiting)
 
     @property
     def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -180,19 +196,21 @@ class Tube:
         The claims are the segments of the centre in each control step, with their tube and plans from a file, which are
         confirmed without a search. None: search for the tube.
         """
-        self.problem, self._claims = problem, claims
+        self.problem, self._claims, self._layout = problem, claims, problem.plant.layout
+        self._rows, self._limits = self._layout.rows, bounds_of(problem.parameters).torque.tolist()
         self.state = _State.at_rest(problem) if start is None else _State.within(start)
         self.begin = start
         self._first = 0 if start is None else problem.schedule.steps  # sample of the law at which the lap begins
         self._tip = 0.0  # bound of the tip error at the last sample [m]
-        memory = range(STATES, STATES + problem.law.memory)
-        self._seen = [*range(STATES)[ROWS.theta], *range(STATES)[ROWS.d_theta], *memory]
-        self._centre = Centre(problem.plant.middle, problem.period)
+        states = range(self._layout.states)
+        memory = range(states.stop, states.stop + problem.law.memory)
+        self._seen = [*states[self._rows.theta], *states[self._rows.d_theta], *memory]
+        self._centre = Centre(problem.plant.middle, problem.period, problem.plant.physics)
 
     def __iter__(self) -> Iterator[Step]:
         """Advance to the end of the motion; `NoBound` if there is no tube."""
         with ctx.workprec(BITS):
-            check_curve(self.problem.plant.exact)
+            check_curve(self.problem.plant.exact, self._layout.joints)
             self._tip, _ = self._bound(0)
         for k in range(self.problem.schedule.steps):
             with ctx.workprec(BITS):
@@ -217,53 +235,60 @@ class Tube:
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
         # The held torque is forgotten.
         z = self.state.deviations
-        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
+        states = self._layout.states
+        keep = np.r_[0:states, states + self._layout.joints : len(z.box)]
         z.columns, z.box = z.columns[keep], z.box[keep]
         z.tidy(_ROUNDING)
         before, (self._tip, sources) = self._tip, self._bound(k + 1)
-        arc = between_samples(
-            problem.reference, k * problem.period, problem.period, segments, closed, problem.plant.exact
-        )
+        begin = k * problem.period
+        arc = between_samples(problem.reference, begin, problem.period, segments, closed, problem.plant)
         whole = (max(before, self._tip) + arc) * ROUND_UP
         return Step(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
         """Return the bound of the tip error at the k-th sample, and its shares."""
-        wanted = self.problem.schedule.targets[k, :2].tolist()
-        return tip_bound(self.state.centre, self.state.deviations, self.problem.plant.exact, wanted)
+        wanted = self.problem.schedule.targets[k, : self._layout.axes].tolist()
+        return tip_bound(self.state.centre, self.state.deviations, self.problem.plant, wanted)
 
     def _next_drags(self) -> list[float | None]:
         """Return the centre's constant friction torques, for motors whose velocity has an uncertain sign."""
         if self.problem.plants.friction == "any":
-            return [0.0] * JOINTS
-        slow = np.abs(self.state.centre[ROWS.d_theta]) <= 1.05 * self.state.deviations.totals()[ROWS.d_theta]
+            return [0.0] * self._layout.joints
+        slow = (
+            np.abs(self.state.centre[self._rows.d_theta]) <= 1.05 * self.state.deviations.totals()[self._rows.d_theta]
+        )
         return [drag if slow[j] else None for j, drag in enumerate(self.state.drags)]
 
     def _force(self, k: int, begun: float, duration: float) -> TipForces:
         """Return the tip forces of a segment that begins `begun` [s] after the sample."""
-        plants, line = self.problem.plants, self.problem.schedule.forces[k].tolist()
-        period, (low, high) = arb(self.problem.period), plants.force
+        plants, (mean, change) = self.problem.plants, np.split(self.problem.schedule.forces[k], 2)
+        axes, (low, high) = self._layout.axes, plants.force
+        still = np.zeros((axes, axes)), np.zeros(axes)
+        if not (mean.any() or change.any() or plants.force_course):
+            return TipForces((), (), *still)
+        period = arb(self.problem.period)
         at, half = (arb(begun) + arb(duration) / 2) / period - arb(0.5), arb(duration) / period / 2
-        case = Forces(*(Signal([line[i] + at * line[2 + i], half * line[2 + i]]) for i in range(2)))
+        case = [Signal([x + at * dx, half * dx]) for x, dx in zip(mean.tolist(), change.tolist(), strict=True)]
         factor = (arb(low) + arb(high)) / 2
-        middle = Forces(*(factor * signal for signal in case))
+        middle = [factor * signal for signal in case]
         varies = largest(arb(high) - factor) + plants.force_swing
         radii = [varies * signal.size() + plants.force_course for signal in case]
-        along, courses = (1.0, 0.0), [plants.force_course] * 2
-        size = math.hypot(middle_of(case.x[0]), middle_of(case.y[0]))
-        if plants.force_swing and size:
-            along = middle_of(case.x[0]) / size, middle_of(case.y[0]) / size
-            parts = along[0] * case.x + along[1] * case.y, along[0] * case.y - along[1] * case.x
-            # The direction is a unit vector up to rounding; a box along the axes is wider along others.
-            courses = [plants.force_swing * part.size() + 1.415 * plants.force_course for part in parts]
-        return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
+        if not (plants.force_swing or plants.force_course):
+            return TipForces(middle, radii, *still)
+        directions, wider = np.eye(axes), 1.0
+        if plants.force_swing:  # the first is along the force, where the box of `force_course` may be wider
+            along = [middle_of(signal[0]) for signal in case]
+            directions, wider = np.linalg.qr(np.column_stack([along, directions]))[0].T, 1.001 * math.sqrt(axes)
+        parts = (sum(map(operator.mul, unit, case), Signal([])) for unit in directions.tolist())
+        courses = [plants.force_swing * part.size() + wider * plants.force_course for part in parts]
+        return TipForces(middle, radii, directions, np.array(courses) * (1 + SLACK))
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
         period, friction = Period(segment, torque, force, self.problem.plant), self.problem.plants.friction
         state = self.state
         self._shift(state.deviations, period.motion.at(-1), state.centre)
-        start = state.deviations.part(slice(0, STATES + JOINTS))
+        start = state.deviations.part(slice(0, self._layout.states + self._layout.joints))
         if claim is None:
             closed = period.close(start, state.speeds, friction=friction)
         else:
@@ -273,24 +298,23 @@ class Tube:
         self._shift(state.deviations, period.motion.at(1), state.centre)
         return closed
 
-    @staticmethod
-    def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
+    def _shift(self, deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
         """Measure the deviations from `after` (8,) instead of `before`, which differs only by rounding."""
-        deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))
+        deviations.box[: self._layout.states] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:
         """Apply the policy at t_k: add the held torque to the zonotope, update the memory, and return the torque."""
         problem, state, z = self.problem, self.state, self.state.deviations
-        errors = np.repeat(problem.plants.noise, JOINTS)
+        errors = np.repeat(problem.plants.noise, self._layout.joints)
         noise = np.zeros((len(self._seen), len(errors)))
         noise[: len(errors)] = np.diag(errors)
         noise = noise[:, errors > 0.0]
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
-        point = np.concatenate([state.centre[ROWS.theta], state.centre[ROWS.d_theta], state.memory])
+        point = np.concatenate([state.centre[self._rows.theta], state.centre[self._rows.d_theta], state.memory])
         answer = problem.law.respond(self._first + k, point, seen)
         if any(problem.guest):  # any w of this sample with |w_j| <= δ_j, and the rounding of u_f ± δ
-            u, own = slice(0, JOINTS), np.zeros((len(answer.box), JOINTS))
+            u, own = slice(0, self._layout.joints), np.zeros((len(answer.box), self._layout.joints))
             own[u] = np.diag(problem.guest)
             box = answer.box.copy()
             size = np.abs(answer.middle[u]) + np.abs(answer.columns[u]).sum(axis=1) + box[u] + problem.guest
@@ -300,26 +324,27 @@ class Tube:
 
     def _held(self, answer: Response) -> np.ndarray:
         """Add the policy's answer to the zonotope; return the torque at the centre (2,) [N m] that is held."""
-        state, z, u = self.state, self.state.deviations, slice(0, JOINTS)
+        n, states = self._layout.joints, self._layout.states
+        state, z, u = self.state, self.state.deviations, slice(0, n)
         more = answer.columns.shape[1] - z.columns.shape[1]
         columns = np.hstack([z.columns, np.zeros((len(z.box), more))])
         acting, acting_box, torque = answer.columns[u], answer.box[u], answer.middle[u]
-        below, box_below = [answer.columns[JOINTS:]], [answer.box[JOINTS:]]
+        below, box_below = [answer.columns[n:]], [answer.box[n:]]
         if self.problem.plants.late:
             if state.waiting is not None:
-                waits = slice(len(z.box) - JOINTS, len(z.box))
+                waits = slice(len(z.box) - n, len(z.box))
                 acting, acting_box = columns[waits], z.box[waits]
             below.append(answer.columns[u])
             box_below.append(answer.box[u])
             torque, state.waiting = (torque if state.waiting is None else state.waiting), torque
-        z.columns = np.vstack([columns[:STATES], acting, *below])
-        z.box = np.concatenate([z.box[:STATES], acting_box, *box_below])
+        z.columns = np.vstack([columns[:states], acting, *below])
+        z.box = np.concatenate([z.box[:states], acting_box, *box_below])
         z.source = np.concatenate([z.source, np.full(more, _LAW)])
-        state.memory = answer.middle[JOINTS:]
-        radius = z.totals()[STATES : STATES + JOINTS]
+        state.memory = answer.middle[n:]
+        radius = z.totals()[states : states + n]
         # With |u_f| below a limit, the limited u_f + w is u_f + w' with |w'| <= |w|: the guest may reach the limit.
-        radius -= (1.0 - SLACK) * np.array(self.problem.guest)
-        for joint, limit in enumerate(self.problem.parameters.torque_limit):
+        radius -= (1.0 - SLACK) * np.array(self.problem.guest or 0.0)
+        for joint, limit in enumerate(self._limits):
             if not abs(torque[joint]) + radius[joint] < limit:
                 raise NoBound(
                     f"motor {joint + 1} may reach its torque limit of {limit:g} N m: its torque is {torque[joint]:.4g} "
@@ -329,30 +354,33 @@ class Tube:
 
     def _advance(self, start: Zonotope, closed: Closed) -> None:
         """Take the zonotope over a segment, from its part `start`."""
-        z, solution, xi = self.state.deviations, closed.solution, STATES + JOINTS
+        z, solution, channels = self.state.deviations, closed.solution, self._layout.channels
+        states, xi = self._layout.states, self._layout.states + self._layout.joints
         box = solution.growth @ (start.box + SLACK * start.totals())
         drive = np.abs(closed.drive.level) + np.abs(closed.drive.slope)
         box += 4.0 * SLACK * solution.push_state @ drive.sum(axis=1)
-        z.columns[:STATES], z.box[:STATES] = closed.columns[:STATES], box[:STATES]
+        z.columns[:states], z.box[:states] = closed.columns[:states], box[:states]
         fresh, sources = [], []
         for j, plan in enumerate(closed.plans):
             if plan is Plan.MONOTONE:  # the velocity is known by its bound alone
-                velocity = np.zeros(STATES)
-                velocity[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
-                z.columns[STATES // 2 + j], z.box[STATES // 2 + j] = 0.0, 0.0
+                velocity = np.zeros(states)
+                velocity[states // 2 + j] = closed.torques[channels.motor][j]
+                z.columns[states // 2 + j], z.box[states // 2 + j] = 0.0, 0.0
                 fresh.append(velocity)
                 sources.append(SOURCES.index("friction"))
-        sizes = z.totals()[:STATES] + sum(fresh, np.zeros(STATES))
-        z.box[:STATES] += solution.beyond[:STATES] @ closed.torques
+        sizes = z.totals()[:states] + sum(fresh, np.zeros(states))
+        z.box[:states] += solution.beyond[:states] @ closed.torques
         for channel, torque in enumerate(closed.torques):
-            made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * torque
+            made = solution.moments[..., channel].reshape(-1, xi)[:, :states] * torque
             total = np.abs(made).sum(axis=0)
             if (total <= 1e-4 * sizes).all():  # what is small beside the rest is not worth columns
-                z.box[:STATES] += total * ROUND_UP
+                z.box[:states] += total * ROUND_UP
             else:
                 fresh += [*made]
-                sources += [channel // JOINTS] * len(made)  # the first sources are those of the channels, in order
+                sources += [min(channel // self._layout.joints, _FORCE)] * len(
+                    made
+                )  # the first sources are those of the channels, in order
         if fresh:
             columns = np.zeros((len(z.box), len(fresh)))
-            columns[:STATES] = np.array(fresh).T
+            columns[:states] = np.array(fresh).T
             z.add(columns, np.array(sources))

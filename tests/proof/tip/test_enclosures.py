@@ -9,21 +9,23 @@ from flint import arb, ctx
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
-from fuzzyarm.envs.physics.equations import tip_point
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.equations import tip_point, two_joints
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces, link_torque
+from fuzzyarm.proof.tip._defects import PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip._remainders import LinkRemainder, _Linearised
 from fuzzyarm.proof.tip.enclosures import BITS, Jet, low_high
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
-from fuzzyarm.proof.tip.transition import _PARTS, CHANNELS, OBSERVED, ROWS, Linear
+from fuzzyarm.proof.tip.transition import _PARTS, Linear, layout
 from fuzzyarm.proof.tip.tube import _reach, tip_bound
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
+ARMS, AT = two_joints(), layout(2, 2)
 ARM = arm_constants(ArmParameters())
+PUSH = TipForces((Signal([arb(20.0)]), Signal([arb(-5.0)])), (0.0, 0.0), np.eye(2), np.zeros(2))
 RNG = np.random.default_rng(0)
 
 
@@ -39,7 +41,7 @@ def floats(x):
 
 def test_link_torque_is_the_inverse_dynamics_of_the_environment():
     q, dq, ddq = RNG.normal(size=(3, 2))
-    torque = link_torque(*([arb(x) for x in row] for row in (q, dq, ddq)), (arb(0), arb(0)), ARM)
+    torque = link_torque(ARMS, [[arb(x) for x in row] for row in (q, dq, ddq)], (), ARM)
     assert floats(torque) == pytest.approx(rigid_inverse_dynamics(q, dq, ddq, ARM), rel=1e-13)
 
 
@@ -47,11 +49,11 @@ def test_jets_have_the_slopes_of_finite_differences():
     at = RNG.normal(size=6)
 
     def torque(x):
-        motion = ([arb(one) for one in pair] for pair in x.reshape(3, 2))
-        return np.array(floats(link_torque(*motion, (arb(3.0), arb(-2.0)), ARM)))
+        motion = [[arb(one) for one in pair] for pair in x.reshape(3, 2)]
+        return np.array(floats(link_torque(ARMS, motion, (arb(3.0), arb(-2.0)), ARM)))
 
     jets = [Jet.variable(arb(x), i) for i, x in enumerate(at)]
-    found = link_torque(jets[:2], jets[2:4], jets[4:], (arb(3.0), arb(-2.0)), ARM)
+    found = link_torque(ARMS, (jets[:2], jets[2:4], jets[4:]), (arb(3.0), arb(-2.0)), ARM)
     for i, step in enumerate(1e-6 * np.eye(6)):
         slope = (torque(at + step) - torque(at - step)) / 2e-6
         assert floats([t.slope(i) for t in found]) == pytest.approx(slope, abs=1e-7)
@@ -61,7 +63,7 @@ def motion_of(scale=1e-3):
     """Return a centre of a period near a bent posture, moving."""
     angles = RNG.normal(size=(4, 8)) * scale ** np.arange(8)
     angles[:, 0] += 0.7
-    return PeriodMotion(angles, 1e-3)
+    return PeriodMotion(angles, 1e-3, ARMS)
 
 
 def at(signal, s):
@@ -88,11 +90,11 @@ def test_signals_enclose_their_values():
 
 def test_link_series_enclose_the_torque_and_their_remainder_is_needed():
     motion = motion_of(0.3)  # coarse, so that the remainder is seen
-    force = Forces(Signal([arb(20.0), arb(3.0)]), Signal([arb(-5.0), arb(1.0)]))
+    force = Signal([arb(20.0), arb(3.0)]), Signal([arb(-5.0), arb(1.0)])
     torques = motion.link_torques(force, ARM)
     for s in np.linspace(-1.0, 1.0, 41):
         parts = [[arb(at(signal, s)) for signal in kind] for kind in motion.links]
-        exact = floats(link_torque(*parts, (arb(at(force.x, s)), arb(at(force.y, s))), ARM))
+        exact = floats(link_torque(ARMS, parts, [arb(at(part, s)) for part in force], ARM))
         for signal, value in zip(torques, exact, strict=True):
             assert holds(signal, s, value)
     without = [at(signal.coefficients[:-1], 1.0) for signal in torques]
@@ -101,20 +103,20 @@ def test_link_series_enclose_the_torque_and_their_remainder_is_needed():
 
 def pushed(x, arm=ARM):
     """Return R (2,) under a force of (20, -5) N at angles, velocities and accelerations (6,)."""
-    return np.array(floats(link_torque(*(map(arb, p) for p in x.reshape(3, 2)), (20.0, -5.0), arm)))
+    return np.array(floats(link_torque(ARMS, [map(arb, p) for p in x.reshape(3, 2)], (20.0, -5.0), arm)))
 
 
 def test_link_remainder_bounds_sampled_values():
     """R(y + δ) - R(y) - (M δq̈ + G δq + D δq̇) within the bound, and not far below it."""
     motion, tube = motion_of(1e-2), np.zeros(18)
-    tube[ROWS.link], tube[ROWS.d_link], tube[ROWS.link_acceleration] = 2e-3, 0.1, 5.0
-    force = Forces(Signal([arb(20.0)]), Signal([arb(-5.0)]))
-    linearised = _Linearised(motion, TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ARM)
+    tube[AT.rows.link], tube[AT.rows.d_link], tube[AT.rows.link_acceleration] = 2e-3, 0.1, 5.0
+    plant = BallPlant.of(ArmParameters(), Disturbance(), PlantSet())
+    linearised = _Linearised(motion, PUSH, plant, ARM)
     bound, worst, (mass, stiff, damp) = linearised.left_out(tube), np.zeros(2), linearised.at
     for _ in range(400):
         s, sides = RNG.uniform(-1.0, 1.0), RNG.choice([-1.0, 1.0], 6) * RNG.uniform(0.8, 1.0, 6)
         base = np.array([at(signal, s) for kind in motion.links for signal in kind])
-        delta = sides * np.concatenate([tube[ROWS.link], tube[ROWS.d_link], tube[ROWS.link_acceleration]])
+        delta = sides * np.concatenate([tube[AT.rows.link], tube[AT.rows.d_link], tube[AT.rows.link_acceleration]])
 
         change = pushed(base + delta) - pushed(base)
         worst = np.maximum(worst, np.abs(change - stiff @ delta[:2] - damp @ delta[2:4] - mass @ delta[4:]))
@@ -125,15 +127,14 @@ def test_link_remainder_bounds_sampled_values():
 @pytest.mark.parametrize("plants", [PlantSet(mass=(0.9, 1.1)), PlantSet(payload=(0.0, 0.5))], ids=["mass", "payload"])
 def test_products_of_masses_are_bounded_for_links_that_turn_against_each_other(plants):
     """n = R(y + δ; p) - R(y; p) - (M δq̈ + G δq + D δq̇) for corners p, δ in a thin zonotope; the bound is needed."""
-    motion, force = motion_of(1e-2), Forces(Signal([arb(20.0)]), Signal([arb(-5.0)]))
+    motion = motion_of(1e-2)
     plant = BallPlant.of(ArmParameters(), Disturbance(), plants)
-    push = TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
-    remainder = LinkRemainder(motion, push, plant)
-    certain = LinkRemainder(motion, push, dataclasses.replace(plant, parameters=()))
+    remainder = LinkRemainder(motion, PUSH, plant)
+    certain = LinkRemainder(motion, PUSH, dataclasses.replace(plant, parameters=()))
     columns = np.zeros((18, 2))  # accelerations against each other, and a little of all
-    columns[ROWS.link_acceleration] = [[5.0, 0.1], [-12.0, 0.1]]
-    columns[ROWS.link], columns[ROWS.d_link] = 1e-5, 1e-4
-    own = remainder.products @ columns[OBSERVED]
+    columns[AT.rows.link_acceleration] = [[5.0, 0.1], [-12.0, 0.1]]
+    columns[AT.rows.link], columns[AT.rows.d_link] = 1e-5, 1e-4
+    own = remainder.products @ columns[AT.observed]
     free = np.abs(np.vstack([columns, own])).sum(axis=1)
     bound = remainder.bound(free[:18], np.zeros(8), free, np.zeros((len(free), 8)))
     arms = [parameter.arm for parameter in plant.parameters]
@@ -146,7 +147,9 @@ def test_products_of_masses_are_bounded_for_links_that_turn_against_each_other(p
             c: getattr(plant.middle, c) + sum(x * float(getattr(a, c)) for x, a in zip(sign, arms, strict=True))
             for c in ("c1", "c2", "c3", "c4", "c5")
         })  # fmt: skip
-        delta = columns[[*range(18)[ROWS.link], *range(18)[ROWS.d_link], *range(18)[ROWS.link_acceleration]]] @ g
+        delta = (
+            columns[[*range(18)[AT.rows.link], *range(18)[AT.rows.d_link], *range(18)[AT.rows.link_acceleration]]] @ g
+        )
         base = np.array([at(signal, 0.3) for kind in motion.links for signal in kind])
         linearised = stiff @ delta[:2] + damp @ delta[2:4] + mass @ delta[4:]
         change = pushed(base + delta, arm) - pushed(base, arm)
@@ -205,7 +208,7 @@ def test_second_moments_are_needed():
     exact = [expm(equation.A * t) @ equation.b[:, 0] for t in np.linspace(0.0, part, 201)]
     effect = sum(part / 200 * (1.0 if i < 100 else -1.0) * e for i, e in enumerate(exact[:-1]))
     first, second = found.moments[-1, :, :, 0]
-    theta = CHANNELS.motor.start
+    theta = AT.channels.motor.start
     assert abs(effect[theta]) > found.beyond[theta, 0] + 1e-3 * abs(first[theta])
     assert abs(effect[theta]) <= abs(second[theta]) + found.beyond[theta, 0]
 
@@ -222,7 +225,7 @@ def test_what_the_moments_leave_of_a_constant_disturbance():
 
 
 def test_friction_series_enclose_the_stribeck_curve_and_their_remainder_is_needed():
-    motion = PeriodMotion(np.array([[0.7, 4e-5, 1.5e-5, *[0.0] * 5]] * 4), 1e-3)  # 0.02 to 0.14 rad/s
+    motion = PeriodMotion(np.array([[0.7, 4e-5, 1.5e-5, *[0.0] * 5]] * 4), 1e-3, ARMS)  # 0.02 to 0.14 rad/s
     signal = motion.slip(0, 1, ARM)
     for s in np.linspace(-1.0, 1.0, 21):
         exact = stribeck_magnitude(at(motion.velocity[0], s), ARM.dry_friction1)
@@ -257,7 +260,8 @@ def test_the_tip_is_within_its_bound_to_second_order():
     deviations = Zonotope(8, 0)
     deviations.add(turn * np.eye(8)[:, [2]], 0)
     beyond = (1.1 * np.array([np.cos(0.3), np.sin(0.3)])).tolist()
-    bound, _ = tip_bound(state, deviations, filled(Arm, map(arb, flat(ARM))), beyond)
+    plant = BallPlant.of(ArmParameters(), Disturbance(), PlantSet())
+    bound, _ = tip_bound(state, deviations, plant, beyond)
     tip = tip_point(PerJoint(np.array([0.3 - turn, 0.3 + turn]), np.zeros(2)), ARM)
     errors = np.hypot(tip.x - beyond[0], tip.y - beyond[1])
     assert 0.98 * bound < errors.max() <= bound

@@ -13,7 +13,7 @@ from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.centre import Mode
 from fuzzyarm.proof.tip.friction import Plan
 from fuzzyarm.proof.tip.plant import PlantSet
-from fuzzyarm.proof.tip.transition import ROW_COUNT
+from fuzzyarm.proof.tip.transition import layout
 
 STEPS, AT = 8, 5
 LEFT, LARGER, ERRS = (
@@ -48,7 +48,7 @@ def refused(bound, twin, path, *reasons):
     assert path.read_text() != twin.read_text()
 
 
-@pytest.mark.parametrize("row", range(ROW_COUNT))
+@pytest.mark.parametrize("row", range(layout(2, 2).row_count))
 def test_a_narrower_tube(true, twin, tmp_path, row):
     """Each of the tube's rows is needed: without one of them a file could claim what it likes."""
 

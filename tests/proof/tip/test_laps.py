@@ -100,7 +100,7 @@ def test_a_box_is_read_said_and_spanned(tmp_path):
     assert StartBox.of([str(tmp_path / "box.toml")]) == BOX
     assert StartBox.of(["5e-4", "2e-5", "0.01", "0.01", "2e-5"]) == dataclasses.replace(BOX, bending=2e-5)
     assert "angle ± 0.0005 rad, bending ± 2e-05 and 5e-05 rad, velocity ± 0.01 rad/s" in BOX.in_words()
-    columns = BOX.columns(10, 2)
+    columns = BOX.columns(2, 10, 2)
     x = columns @ np.sign(np.random.default_rng(0).normal(size=columns.shape[1]))
     assert np.abs(x[:2]) == pytest.approx([5e-4] * 2) and np.abs(x[:2] - x[2:4]) == pytest.approx([2e-5, 5e-5])
     assert np.abs(x[4:6] - x[6:8]) == pytest.approx([0.01] * 2) and np.abs(x[8:]) == pytest.approx([2e-5] * 2)
@@ -116,7 +116,7 @@ def test_a_box_is_read_said_and_spanned(tmp_path):
         (["--laps", "ever", "--steps", "3"], "laps = ever needs whole laps"),
         (["--laps", "ever", "--path", "line"], "needs a closed path"),
         (["--path", "cube"], "path = 'cube'"),
-        (["--robot", "ur5"], "bounds are available only for two-joint arms"),
+        (["--robot", "ur5"], "was designed for the two-joint arm, not for ur5"),
     ],
 )
 def test_bad_starts_laps_and_arms_are_one_line(words, why, capsys):

@@ -5,17 +5,18 @@ import pytest
 from flint import arb, ctx
 from scipy.linalg import expm
 
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
-from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces
+from fuzzyarm.proof.tip._defects import PeriodMotion, TipForces
 from fuzzyarm.proof.tip._remainders import Drive
 from fuzzyarm.proof.tip.centre import DEGREE, Mode
 from fuzzyarm.proof.tip.enclosures import BITS
 from fuzzyarm.proof.tip.friction import Friction, Plan, Speed
 from fuzzyarm.proof.tip.period import Period
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
-from fuzzyarm.proof.tip.transition import CHANNELS, Linear
+from fuzzyarm.proof.tip.transition import Linear
 from fuzzyarm.proof.tip.tube import Tube
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
@@ -27,12 +28,12 @@ def test_what_is_not_linear_in_time_is_within_the_rest_and_the_rest_is_needed(na
     rng = np.random.default_rng(5)
     angles = rng.normal(size=(4, DEGREE + 1)) * 0.1 ** np.arange(DEGREE + 1)
     with ctx.workprec(BITS):
-        motion = PeriodMotion(angles, PERIOD)
+        motion = PeriodMotion(angles, PERIOD, two_joints())
         plant = BallPlant.of(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
         frictions = [Friction(j, Plan.ANY, Mode.FORWARD, motion, 0.0, plant, Speed(-np.inf, np.inf)) for j in range(2)]
-        found = Drive.of(motion, Forces(Signal([arb(0)]), Signal([arb(0)])), plant).with_friction(plant, frictions)
+        found = Drive.of(motion, (), plant).with_friction(plant, frictions)
     half = plant.half(name)
-    channels = CHANNELS.joint if name in ("stiffness", "damping") else CHANNELS.motor
+    channels = getattr(plant.layout.channels, "joint" if name in ("stiffness", "damping") else "motor")
     gaps = []
     for s in np.linspace(-1.0, 1.0, 41):
         angle = [np.polynomial.Polynomial(row) for row in angles]
@@ -57,7 +58,7 @@ def test_between_its_ends_a_segment_is_bounded_and_the_curvature_is_needed():
     step = next(iter(Tube(problem)))
     plan, rng, beyond = Plan.ANY, np.random.default_rng(6), 0
     with ctx.workprec(BITS):
-        forces = TipForces(Forces(Signal([arb(0)]), Signal([arb(0)])), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
+        forces = TipForces((), (), np.eye(2), np.zeros(2))
         period = Period(step.segments[-1], step.torque, forces, problem.plant)
         frictions = [
             Friction(j, plan, Mode.REST, period.motion, float(step.torque[j]), problem.plant, Speed(-np.inf, np.inf))
@@ -81,9 +82,9 @@ def test_between_its_ends_a_segment_is_bounded_and_the_curvature_is_needed():
 
 def test_deviations_count_from_another_centre_within_the_box():
     """x - a = (x - b) + (b - a): what the centre moves is added, or a state at the old centre would be left out."""
-    z, rng = Zonotope(8, 0), np.random.default_rng(7)
+    z, rng, tube = Zonotope(8, 0), np.random.default_rng(7), Tube(problem_of(TipClaim("fuzzy-4-tip", steps=1)))
     before, after = rng.normal(size=8), rng.normal(size=8)
     with ctx.workprec(BITS):
-        Tube._shift(z, [arb(x) for x in before], after)
+        tube._shift(z, [arb(x) for x in before], after)
     moved = np.abs(before - after)
     assert (moved <= z.totals()).all() and (z.totals() <= moved * (1 + 1e-9)).all()

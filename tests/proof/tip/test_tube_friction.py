@@ -8,6 +8,7 @@ from flint import ctx
 from scipy.integrate import solve_ivp
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.friction import STRIBECK, friction_torque, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
@@ -35,14 +36,14 @@ def segment(velocity=0.0, torque=5.0):
     bend = 1e-4
     state = np.array([0.7 + bend, 0.8, 0.7, 0.8, velocity, 0.0, velocity, 0.0])
     held = np.array([ARM.stiffness1 * bend + torque, 0.0])
-    return next(iter(Centre(ARM, 1e-3).segments(state, held, np.zeros(4), (None, None)))), held
+    return next(iter(Centre(ARM, 1e-3, two_joints()).segments(state, held, np.zeros(4), (None, None)))), held
 
 
 def friction(plan, velocity=0.0, torque=5.0, known=ANYTHING, share=(1.0, 1.0)):
     found, held = segment(velocity, torque)
     plants = BallPlant.of(ArmParameters(), Disturbance(), PlantSet())
     plants = dataclasses.replace(plants, share=(share, share))
-    motion = PeriodMotion(found.angles, found.duration)
+    motion = PeriodMotion(found.angles, found.duration, two_joints())
     return Friction(0, plan, found.modes[0], motion, float(held[0]), plants, known), motion, found
 
 
@@ -150,7 +151,7 @@ def test_speeds_are_bounded_beside_the_tube():
 def test_centres_divide_a_period_where_a_motor_breaks_away():
     state = np.array([0.7 + 1e-4, 0.8, 0.7, 0.8, -0.001, 0.0, 0.0, 0.0])
     held = np.array([ARM.stiffness1 * 1e-4 + 1.0, 0.0])
-    parts = list(Centre(ARM, 1e-3).segments(state, held, np.zeros(4), (None, None)))
+    parts = list(Centre(ARM, 1e-3, two_joints()).segments(state, held, np.zeros(4), (None, None)))
     assert [part.modes[0] for part in parts][:2] == [Mode.BACKWARD, Mode.REST]
     assert parts[0].end[4] == 0.0 and sum(part.duration for part in parts) == 1e-3
 
@@ -177,8 +178,8 @@ def test_what_the_friction_says_of_its_curve_is_checked(monkeypatch, change):
             dry_friction2=ARM.dry_friction2._replace(static_friction=ARM.dry_friction2.coulomb_friction),
         ),
     ):
-        check_curve(arm)
+        check_curve(arm, 2)
     for module in (friction_module, defects):
         monkeypatch.setattr(module, "STRIBECK", STRIBECK._replace(**change))
     with pytest.raises(NoBound, match="the friction of motor 1 does not match the Stribeck curve of its parameters"):
-        check_curve(ARM)
+        check_curve(ARM, 2)
