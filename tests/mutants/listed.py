@@ -93,7 +93,7 @@ MUTANTS = (
     Mutant("cells-proven", "policies/tip_files.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
     Mutant("cells-hole", "policies/tip_files.py", "hole = claim.plants.hole([cell.claim.plants for cell in found])", "hole = None", "tests/proof/tip/test_tube.py -k cells"),
     Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/proof/tip/test_enclosures.py"),
-    Mutant("links-remainder", f"{TIP}/_remainders.py", "reshape(JOINTS, JOINTS) @ tube[of]", "reshape(JOINTS, JOINTS) @ (0.5 * tube[of])", "tests/proof/tip/test_enclosures.py"),
+    Mutant("links-remainder", f"{TIP}/_remainders.py", "reshape(joints, joints) @ tube[of]", "reshape(joints, joints) @ (0.5 * tube[of])", "tests/proof/tip/test_enclosures.py"),
     # Other readers.
     Mutant("checkpoint-pickle", "rl_baselines/_checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("checkpoint-count", "rl_baselines/_checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
