@@ -31,7 +31,7 @@ _SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
 OBSERVATION_SCALE = np.array([0.67, 1.9, 1.4, 1.6, 0.67, 1.9, 1.4, 1.6, 19.0, 21.0])
 """Typical magnitudes of the paper's arm, in the order and units of `Observation`.
 
-They are the root mean squares over `default_reference.reference_family`, of the references and of motors on them alike.
+They are root mean squares over `default_reference.reference_family`; motors that follow these references have the same.
 """
 ACTION_SCALE = np.array(ArmParameters().torque_limit)
 """The torque limits of the paper's arm [N m]."""
