@@ -150,7 +150,7 @@ def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> 
 def _paint_footer(canvas: Canvas, factor: int, ground: str, falls: bool = True) -> None:
     """Paint the legend and the direction of gravity if there is any, on top of the arm.
 
-    The legend says by which factor the error is magnified, and what the grey `ground` is.
+    The legend states by which factor the error is magnified, and what the grey `ground` is.
     """
     top, middle = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER
     canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, _PAPER)

@@ -13,8 +13,8 @@ __all__ = [
 ]  # fmt: skip
 
 SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 0.1  # allowed control periods [s]
-_MOST_SUBSTEPS = 10_000  # most sub-steps of a control period; a step with so many takes about a millisecond
-MOST_STEPS = 1_000_000  # most control steps of a reference; the table of so many takes 170 MB
+_MOST_SUBSTEPS = 10_000  # most sub-steps of a control period; they take about a millisecond to simulate
+MOST_STEPS = 1_000_000  # most control steps of a reference; its table then takes 170 MB
 MAX_DEFAULT_SUBSTEP = 2e-4  # largest default sub-step [s]; `benchmarks/accuracy.py` measures the resulting error
 
 _RESOLVED, _STABLE = 1.0, 2.0

@@ -147,7 +147,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range, or a sequence does not have one entry per lane; the message
             names the lane if there are several.
-        gymnasium.error.ResetNeeded: `step` before `reset`, or while a lane has ended that must be reset by a mask.
+        gymnasium.error.ResetNeeded: `step` before `reset`, or while a lane has ended that is not reset automatically.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  Gymnasium's name and type

@@ -93,7 +93,7 @@ class Results(NamedTuple):
 CLOCK, START = places(Clock), places(Start)  # index of each number of the records `Clock` and `Start` in its array
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
-"""The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
+"""The keys of `info`; the last two are flags. Reward, truncated and reason are reported separately."""
 
 _POINTS = ("tip", "tip_reference", "external_force")  # the fields of `StepVectors` with a number for each axis
 
@@ -104,7 +104,7 @@ class Layout:
     Attributes:
         Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
         LANE: index of each number of `Lane`.
-        observed: number count of an observation; `longest`: in the longest of the vectors; `reported`: in `Results`.
+        observed: how many numbers an observation has; `longest`: the longest of the vectors; `reported`: `Results`.
         parts: slice of each of the vectors among the numbers of all vectors.
     """
 
