@@ -4,7 +4,7 @@ Around a posture q without dry friction, in the coordinates (θ, q) of motors an
 
     diag(I_a, M_b) ẍ + B ẋ + K x = 0,    K = Eᵀ K_t E,    B = Eᵀ B_t E + diag(F_v, 0),    E = (1, -1),
 
-and the time step of `physics.integrator`, with two evaluations and a sub-step h, discretises it to, with C = 1 - h B/2,
+and the time step of `physics.integrator`, with two evaluations and a sub-step h, yields, with C = 1 - h B/2,
 
     C⁻¹ (x_{k+1} - 2 x_k + x_{k-1}) + h B (x_k - x_{k-1}) + h² K x_k = 0    (mass-normalised).
 

@@ -5,7 +5,7 @@ exactly: 0 x to 0, 0 + x and 1 x to x, (-x) y to -(x y), x + (-y) to x - y, and 
 the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
-symmetric about the joint's axis: rotation about that axis matters only for I_zz, which is 0 for this body. The body can
+symmetric about the joint's axis: rotation about that axis involves only I_zz, which is 0 for this body. The body can
 equally be fixed to the preceding link. `regrouped` moves it there, link by link from the tip to the base (Gautier and
 Khalil, 1990), which leaves the base parameters: no masses, two first moments and five inertias per link.
 """
