@@ -16,7 +16,7 @@ __all__ = ["Film"]
 class Film:
     """The trace of an arm's episode, and its pictures: as arrays, or in a window at `fps` frames per second.
 
-    The canvas is made for the first picture; copies and pickles do not keep it. The control period is in s.
+    The canvas is made for the first picture; copies and pickles do not contain it. The control period is in s.
     """
 
     def __init__(self, in_window: bool, fps: float, control_period: float, arm: AnyArm) -> None:
@@ -42,7 +42,7 @@ class Film:
         """Return the picture (720, 720, 3) of uint8, or show it in an open window; ResetNeeded before reset."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
-        import pygame  # here, as a training run never loads it
+        import pygame  # imported here, because a training run never needs it
 
         from fuzzyarm.envs import _pictures as pictures
 

@@ -29,7 +29,7 @@ __all__ = ["Canvas", "paint"]
 _MAGNIFICATIONS = (25, 10, 5, 2, 1)
 """Factors by which the trace magnifies the tip error, since a millimetre would be less than a pixel.
 
-The first with which the trace stays in the field counts; with the last it is the way of the tip, which is in view.
+The first factor with which the trace stays in the field is used; with the last, 1, the trace is the tip's path.
 """
 
 # Layout [px]. The arm stays in the field between header and footer, `_MARGIN` away from its edges: room for the
@@ -48,7 +48,7 @@ _SMALL, _LARGE = 22, 34  # font heights
 
 
 class Canvas:
-    """Antialiased discs, lines, arrows and text; places (2,) and lengths in units of pixels of the finished picture."""
+    """Antialiased discs, lines, arrows and text; positions (2,) and lengths are in pixels of the finished picture."""
 
     def __init__(self) -> None:
         pygame.font.init()
@@ -91,7 +91,7 @@ class Canvas:
         self.polygon(np.stack([end, neck + 1.6 * width * across, neck - 1.6 * width * across]), colour)
 
     def text(self, text: str, anchor: str, at: ArrayLike, size: int = _SMALL, colour: _Colour = INK) -> None:
-        """Write `text` with a white rim; `anchor` names the point of its box that lies `at`, such as "midleft"."""
+        """Write `text` with a white rim, so that the point `anchor` of its box, such as "midleft", lies at `at`."""
         font, position = self._fonts[size], _SUPERSAMPLING * np.array(at)
         rim, glyphs = font.render(text, True, _PAPER), font.render(text, True, colour)
         for angle in np.arange(8) * np.pi / 4.0:
@@ -139,7 +139,7 @@ def _paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: 
 
 
 def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> None:
-    """Paint title, time [s] and tip error [m], on top of parts of the arm that leave the field."""
+    """Paint title, time [s] and tip error [m] over parts of the arm that leave the field."""
     canvas.line(np.array([[0.0, 0.5 * HEADER], [WIDTH, 0.5 * HEADER]]), HEADER, _PAPER)
     canvas.line(np.array([[0.0, HEADER], [WIDTH, HEADER]]), 1.0, _FRAME)
     canvas.text(title, "midleft", (28.0, 41.0), _LARGE)
@@ -150,7 +150,7 @@ def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> 
 def _paint_footer(canvas: Canvas, factor: int, ground: str, falls: bool = True) -> None:
     """Paint the legend and the direction of gravity if there is any, on top of the arm.
 
-    The legend says by which factor the error is magnified, and what the grey `ground` is.
+    The legend states by which factor the error is magnified, and what the grey `ground` is.
     """
     top, middle = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER
     canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, _PAPER)
@@ -171,7 +171,7 @@ _TIP, _TIP_REFERENCE, _LINK, _FORCE_ROW = map(VECTORS.index, ("tip", "tip_refere
 def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, arm: AnyArm) -> None:
     """Paint the whole picture of an arm at a time [s] of the episode with this schedule.
 
-    The trace (k + 1, 9, 2), or as many columns as the `Layout` of the arm has, are the `VECTORS` up to then.
+    The trace (k + 1, 9, 2), or with the last axis `Layout.longest` of the arm, contains the `VECTORS` up to this time.
     """
     canvas.surface.fill(_PAPER)
     if isinstance(arm, ArmParameters):
@@ -184,7 +184,7 @@ def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, ar
 
 
 def _case_title(disturbance: Disturbance, arm: AnyArm) -> str:
-    """Return the title of the case that has this disturbance, with the loads for an arm."""
+    """Return the title of the case that has this disturbance for this arm."""
     cases = (_case(arm, name) for name in CASES)
     return next((case.title for case in cases if case and case.disturbance == disturbance), "custom disturbance")
 
@@ -247,8 +247,8 @@ def _paint_arm(canvas: Canvas, joints: np.ndarray, thickness: float) -> None:
         canvas.disc(joint, 0.45 * radius, _PAPER)
 
 
-_EVERY = 10  # instants between the poses that the view is made for
-_THICKNESS, _THINNEST = 0.055, 0.6  # of the first link, share of the reach; of the last link, share of the first
+_EVERY = 10  # instants between the poses that the view must contain
+_THICKNESS, _THINNEST = 0.055, 0.6  # first link, as share of the reach; last link, as share of the first
 
 
 def _paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
@@ -308,12 +308,12 @@ def _circle(axis: np.ndarray) -> np.ndarray:
 
 
 def _pixels(camera: Camera, points: np.ndarray, length: float) -> np.ndarray:
-    """Return the length (...) [px] in the picture of a length [m] across the line of sight, at points (..., 3) [m]."""
+    """Return the picture length (...) [px] of a length [m] across the line of sight, at points (..., 3) [m]."""
     return np.asarray(length * camera.focal / camera.depth(points))
 
 
 def _carried(robot: Robot, at: str, q: np.ndarray) -> np.ndarray:
-    """Return the place (3,) [m] of a payload at the tip or at the mass center of the last link, at angles q (n,)."""
+    """Return the position (3,) [m] of a payload at the tip or at the mass center of the last link, at angles q (n,)."""
     links, last = frames(robot, q), robot.arrays
     place = last.tip if at == "tip" else last.center[-1]
     return np.asarray(links.origin[-1] + links.rotation[-1] @ place)

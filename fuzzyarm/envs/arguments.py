@@ -28,11 +28,11 @@ __all__ = [
     "each_lane", "initial_state", "initial_states", "observation_space", "per_lane", "real_numbers", "seeds_of",
 ]  # fmt: skip
 
-_RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")  # what the `options` of `reset` may hold
+_RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")  # keys that the `options` of `reset` may contain
 
 
 def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
-    """Return the disturbance itself, or that of the named case for this arm."""
+    """Return the given disturbance, or that of the named case for this arm."""
     if disturbance is None:
         return case_for(case, arm).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
@@ -42,7 +42,7 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) 
 
 
 def chosen_reference(reference: Reference | None, randomisation: DomainRandomisation, arm: AnyArm) -> Reference | None:
-    """Return the reference itself, the default one for this arm, or None if each episode draws its own."""
+    """Return the given reference, the default one for this arm, or None if each episode draws a reference."""
     if reference is None:
         return None if randomisation.references else default_reference(arm)
     checks.instance("reference", reference, Reference)  # type: ignore[type-abstract]
@@ -70,7 +70,7 @@ def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scen
 
 
 def initial_state(given: Any, arm: AnyArm) -> np.ndarray:
-    """Return a given start (4 joints,), angles [rad] and velocities [rad/s], checked against the limits."""
+    """Return a given initial state (4 joints,), angles [rad] and velocities [rad/s], checked against the limits."""
     low, high, speed, _ = bounds_of(arm)
     lowest, highest = (np.concatenate(part) for part in ((low, low, -speed, -speed), (high, high, speed, speed)))
     state = real_numbers("initial_state", given)
@@ -103,11 +103,11 @@ def action_space(arms: Sequence[AnyArm]) -> spaces.Box:
 
 
 def observation_space(arms: Sequence[AnyArm]) -> spaces.Box:
-    """Return the space that holds every observation of these arms."""
+    """Return the space that contains every observation of these arms."""
     bounds = [bounds_of(arm) for arm in arms]
     low, high = np.min([each.low for each in bounds], axis=0), np.max([each.high for each in bounds], axis=0)
     dq = np.max([each.velocity for each in bounds], axis=0)
-    # Motor readings get room beyond the limits: the observation that ends an episode lies outside of them.
+    # Motor readings get room beyond the limits: the observation that ends an episode lies outside the limits.
     room = ANGLE_ROOM * np.max([each.high - each.low for each in bounds], axis=0)
     ddq = np.full_like(dq, MAX_ACCELERATION)
     lowest = np.concatenate([low - room, -VELOCITY_ROOM * dq, low, -dq, -ddq])
@@ -148,7 +148,7 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
 
 
 def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
-    """Return the arms that these arguments name, one for all lanes or one per lane; errors as in `chosen_arm`."""
+    """Return the arms given by these arguments, one for all lanes or one per lane; errors as in `chosen_arm`."""
     given = per_lane("parameters", parameters, lanes)
     if parameters is not None:
         each_lane(lambda one: checks.instance("parameters", one, ArmParameters), given)
@@ -156,7 +156,7 @@ def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
 
 
 def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
-    """Return starts (lanes, 4 joints) [rad, rad/s] from one (4 joints,) or one per lane, see `initial_state`."""
+    """Return initial states (lanes, 4 joints) [rad, rad/s], given one for all lanes or one per lane."""
     states = real_numbers("initial_state", given)
     numbers = size(equations_of(plants[0]).State)
     one, all_lanes = (numbers,), (lanes, numbers)
@@ -168,7 +168,7 @@ def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarr
 
 
 def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
-    """Return a seed per lane: seed, seed + 1, ... for a single one, or those given; None continues the stream."""
+    """Return one seed per lane: seed, seed + 1, ... for a single seed, or the given seeds; None continues a stream."""
     if given is None:
         return None
     if isinstance(given, Sequence | np.ndarray):

@@ -1,6 +1,6 @@
-"""An episode of an arm: its beginning, and its control steps, which divide into sub-steps under held torques.
+"""The beginning of an arm's episode, and its control steps, which consist of sub-steps under held torques.
 
-These are plain functions of numbers, see `numbers.functions`, used wherever an arm is stepped.
+These are plain functions of numbers, see `numbers.functions`; every simulation of an arm uses them.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ __all__ = [
 ]  # fmt: skip
 
 ANGLE_ROOM, VELOCITY_ROOM = 0.5, 10.0
-"""What the observation space allows beyond the limits: the observation that ends an episode lies outside of them.
+"""Room in the observation space beyond the limits, because the observation that ends an episode lies outside them.
 
-A share of the range of angles at either end of it, and a factor of the velocity limit.
+`ANGLE_ROOM` is a share of the angle range, added at both ends; `VELOCITY_ROOM` is a factor of the velocity limit.
 """
 
 
 class Moved(NamedTuple):
     """An arm at the end of a control step."""
 
-    state: Any  # of the arm; that at the start of the step where the one at its end is not finite
+    state: Any  # of the arm after the step; the state before the step if that is not finite
     torque: Any  # of the motors, within their limits [N m]
     force: Any  # mean of the tip force over the step [N]
     found: Any  # what `task.assess` returns
@@ -48,8 +48,8 @@ def control_step(
 ) -> Moved:  # fmt: skip
     """Return an arm after one control step under the torques of a controller, `command` [N m].
 
-    `now` is the row of the schedule at the start of the step, whose force is multiplied by `factor`; `target` is the
-    tip's target at its end; the other arguments are as for `held_of`.
+    `now` is the row of the schedule at the start of the step, and its force is multiplied by `factor`; `target` is the
+    tip's target at the end of the step; the other arguments are as for `held_of`.
     """
     torque = physics.PerJoint(*map(clipped, command, limits.torque))
     applied = physics.PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
@@ -74,10 +74,10 @@ def assessed(
 
 @functools.cache
 def reading_of(physics: Physics) -> Callable[..., tuple[Any, Any]]:
-    """Return ``reading(state, limits, noise, key, steps)``: q and dq as the motors' encoders give them.
+    """Return ``reading(state, limits, noise, key, steps)``: q and dq as measured by the motors' encoders.
 
-    `noise` is a `Noise`; it is drawn from the stream `key`, a uint64, for the instant after `steps` steps. Readings are
-    within the observation space.
+    `noise` is a `Noise`; its samples for the instant after `steps` steps are drawn from the stream with the key `key`
+    (uint64). Readings are clipped to the observation space.
     """
     PerJoint, joints = physics.PerJoint, physics.joints
     first, each = noise_counter(joints), 2 * joints
@@ -110,8 +110,8 @@ def _between(number: Any, low: Any, high: Any) -> Any:
 class Given(NamedTuple):
     """Parameters at the beginning of an episode."""
 
-    plant: Any  # number of the lane's plant
-    start: Any  # the schedule to begin, or the first one of a family
+    plant: Any  # index of the lane's plant
+    start: Any  # index of the schedule to begin, or of the first one of a family
     place: Any  # where the payload is, see `Physics.payload_place`
 
 
@@ -120,8 +120,9 @@ def begun(
 ) -> tuple[Any, Any, Any, Any]:
     """Return a lane at the beginning of an episode, its clock, its draws, and the first row of its schedule.
 
-    `clock` has the key of the last episode; `initial` is a state, or at rest on the reference if its first number is
-    nan; `ranges` are pairs (low, high) of a `draw_record`. The tables have rows of `Plant`, `Start` and `row_record`.
+    `clock` has the key of the last episode; `initial` is the initial state, and if its first number is nan, the arm is
+    at rest on the reference; `ranges` are pairs (low, high), one for each number of `draw_record`. The rows of the
+    three tables are of the types `Plant`, `Start` and `row_record`.
     """
     physics, PerJoint = layout.physics, layout.physics.PerJoint
     key = draw(word(clock.key), NEXT_KEY)
@@ -143,8 +144,8 @@ def begun(
 
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
-    """Return ``drawn(key, ranges)``, a `draw_record`: low + (high - low) u, rounded down for the reference."""
-    at = places(draw_record(joints))  # here, because torch compiles no look-up in a cache
+    """Return ``drawn(key, ranges)``: a `draw_record` of low + (high - low) u, rounded down for the reference."""
+    at = places(draw_record(joints))  # here, because torch cannot compile a look-up in a cache
 
     def drawn(key: Any, ranges: Any) -> Any:
         def number(low: Any, high: Any, counter: int) -> Any:
@@ -157,9 +158,9 @@ def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
 
 
 def resting(physics: Physics, nominal: Any, link: Any, zero: Any) -> Any:
-    """Return the state of an arm at rest at link angles [rad]; `zero` is a velocity.
+    """Return the state of an arm at rest at link angles [rad]; `zero` is a 0 of their type.
 
-    The motors hold the gravity torque of the nominal arm: the drawn plant and the payload move the arm from the start.
+    The motors hold the gravity torque of the nominal arm, so a drawn plant or a payload moves the arm from the start.
     """
     still = physics.PerJoint(*[zero] * physics.joints)
     weight = physics.gravity(link, physics.constants(nominal, zero, zero, zero))

@@ -1,8 +1,8 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step` defines
-the control step, and `Physics.step` the equations of motion, `integrator.step` for two joints. Observation and results
-come back in one array.
+`FuzzyArmEnv.step` passes an action to machine code that is recorded from `Kernels.step`. There, `control_step` defines
+the control step, and `Physics.step` (`integrator.step` for two joints) the equations of motion. The machine code
+writes the observation and the results into one array.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     depends on the **tip**, on the link side: the joints are elastic, so the tip does not follow the motors exactly.
 
     ## Action space
-    `Box(2,)`: motor torques Γ [N m] within ±(500, 250). Larger finite torques are clipped and `info` says so; the
-    torque is held over the control period (1 ms). Wrap with `gymnasium.wrappers.RescaleAction` for [-1, 1], shares of
-    `observation.ACTION_SCALE`.
+    `Box(2,)`: motor torques Γ [N m] within ±(500, 250). Larger finite torques are clipped, which `info` reports; the
+    torque is held over the control period (1 ms). For actions in [-1, 1], as shares of `observation.ACTION_SCALE`, wrap
+    the environment with `gymnasium.wrappers.RescaleAction`.
 
     ## Observation space
     `Box(10,)`, SI units, not normalised; `observation.OBSERVATION_SCALE` has typical magnitudes:
@@ -70,24 +70,24 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     | 8-9 | reference accelerations | rad/s² |
 
     ## Rewards
-    From the state after the step: reward = tracking · (1 - 0.1 effort), with tracking = 1/(1 + tip error / 5 mm)
-    and effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²)/2, both in `info`. Each step gives more than 0 and less than 1.
+    Computed from the state after the step: reward = tracking · (1 - 0.1 effort), with tracking = 1/(1 + tip error /
+    5 mm) and effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²)/2, both in `info`. Each reward is above 0 and below 1.
 
     ## Starting state
-    At rest, the links on the reference at t = 0, the motors at the static deflection under the gravity torque of the
-    *nominal* arm: a payload moves the arm from the first instant. Nothing is random unless the disturbance has encoder
-    noise or a domain randomisation is chosen.
+    The arm is at rest, with the links on the reference at t = 0 and the motors at the static deflection under the
+    gravity torque of the *nominal* arm, so a payload moves the arm from the first instant. Nothing is random unless the
+    disturbance has encoder noise or a domain randomisation is chosen.
 
     ## Episode end
-    Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
-    not finite; `info["reason"]` says which, see `Termination`. If the state becomes infinite or nan, the observation
-    and `info` repeat the last finite state, and the reward is 0. Truncated when the reference ends (1.5 s, 1500 steps,
-    which is `spec.max_episode_steps`; if references are drawn, that of the longest). No `TimeLimit` is needed;
-    ``gym.make("FuzzyArm-v0", max_episode_steps=100)`` adds one.
+    The episode is terminated when an angle or velocity of a motor or link leaves the box (25) (|q| <= π, |q̇| <= 15
+    rad/s) or is not finite; `info["reason"]` gives the reason, see `Termination`. If the state becomes infinite or nan,
+    the observation and `info` repeat the last finite state, and the reward is 0. The episode is truncated when the
+    reference ends, after 1.5 s or 1500 steps; this is `spec.max_episode_steps`, or if references are drawn, the length
+    of the longest. No `TimeLimit` is needed; ``gym.make("FuzzyArm-v0", max_episode_steps=100)`` adds one.
 
     ## Info
     `time` [s], `tip`, `tip_reference` [m], `tip_error` [m], `circularity_error`, `circularity_error_motor` [m]
-    (signed distance of the tip from the curve, outwards positive, from link and from motor angles; for a curve that is
+    (signed distance of the tip from the curve, positive outwards, from link and from motor angles; for a curve that is
     not a circle, the component along its left normal), `q_link`, `dq_link`, `q_motor`, `dq_motor` (noise-free) [rad,
     rad/s], `torque` (applied, clipped), `friction_torque` [N m], `external_force` [N], `in_domain`, `torque_clipped`,
     `reward_tracking`, `reward_effort`.
@@ -97,14 +97,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     paper's circle), `parameters` (an `ArmParameters`, the plant's), or `robot` instead (another serial robot, by name,
     TOML file or as a `Robot`: then there are n joints, 5 n observed numbers and a tip with three coordinates, and loads
     and default reference fit the robot), `control_period` and `substep` [s] (a whole fraction of the control period;
-    default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and of what is drawn, see
-    `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation`: what each episode draws
-    from its seed; `info["randomisation"]` reports the draws), `render_mode` ("human", a window with 50 pictures a
-    second, or "rgb_array", where ``metadata["render_fps"]`` is one over the
-    control period: a video with a picture after every step is in real time).
+    default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and of all plants that can be drawn,
+    see `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation`: what each episode
+    draws from its seed; `info["randomisation"]` reports the draws), `render_mode` ("human", a window with 50 pictures a
+    second, or "rgb_array"; in that mode ``metadata["render_fps"]`` is one over the control period, so that a video with
+    a picture after every step plays in real time).
 
-    `reset(options=...)` takes, for the episode it starts, `initial_state` (4 n numbers in the order of `State`),
-    `reference`, and `case` or `disturbance`.
+    `reset(options=...)` accepts `initial_state` (4 n numbers in the order of `State`), `reference`, and `case` or
+    `disturbance`; they hold for the episode that it begins.
 
     Raises:
         TypeError: an argument is of the wrong kind.
@@ -144,7 +144,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.control_period, self.substeps = checked_periods(control_period, substep, rate)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
-        if render_mode == "rgb_array":  # of which Gymnasium's RecordVideo takes a picture after every step
+        if render_mode == "rgb_array":  # RecordVideo of Gymnasium takes a picture after every step
             self.metadata = {**self.metadata, "render_fps": 1.0 / self.control_period}
         self._disturbance = arguments.chosen_disturbance(case, disturbance, self.parameters)
         self._reference = arguments.chosen_reference(reference, drawn, self.parameters)
@@ -160,7 +160,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._torque, self._out = np.zeros(self._lanes.action_shape), np.zeros(layout.size(1))
         self._even = layout.physics.joints == layout.physics.axes
         self._parts = tuple(layout.parts)
-        self._places: tuple[Any, ...] = tuple(range(len(VECTORS))) if self._even else self._parts  # numbers are faster
+        self._places: tuple[Any, ...] = tuple(range(len(VECTORS))) if self._even else self._parts  # indices are faster
         self._extras = drawn.varies or render_mode is not None
         self.action_space = arguments.action_space([self.parameters])
         self.observation_space = arguments.observation_space([self.parameters])
@@ -171,13 +171,13 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The spec given to `gym.make`, with the steps of the longest episode; None without `gym.make`."""
+        """The spec from `gym.make`, with the number of steps of the longest episode; None without `gym.make`."""
         return self._spec
 
     @spec.setter
     def spec(self, made_from: EnvSpec | None) -> None:
-        # With the steps registered instead, gym.make would put a TimeLimit around every arm: it would cost time, and
-        # cut references short that are longer than the paper's.
+        # If the number of steps were registered instead, gym.make would wrap every arm in a TimeLimit, which would cost
+        # time and cut short references that are longer than the paper's.
         if made_from is not None:
             own = {one.name: getattr(made_from, one.name) for one in dataclasses.fields(EnvSpec) if one.init}
             made_from = Spec(**own)
@@ -186,7 +186,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def reference(self) -> Reference:
-        """The reference of the current episode; before the first, that of a reset without options."""
+        """The reference of the current episode; before the first episode, the one that a reset without options uses."""
         if self._reference is not None and not self._begun:
             return self._reference
         if not self._begun:
@@ -196,7 +196,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode; `options` as in the class docstring, unknown ones raise ValueError."""
+        """Start an episode; the class docstring lists the `options`, and an unknown option raises ValueError."""
         super().reset(seed=None if seed is None else checks.whole("seed", seed))
         self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._film.rewind()
@@ -204,8 +204,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         scenario, initial = arguments.chosen_scenario({} if options is None else options, own, self.parameters), None
         if options and options.get("initial_state") is not None:
             initial = arguments.initial_state(options["initial_state"], self.parameters)[np.newaxis]
-        # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
-        # reports the seed -1 for a generator that the user has put in its place.
+        # `np_random` belongs to the user; the episodes draw from a separate stream with the same seed. Gymnasium
+        # reports the seed -1 for a generator that the user has assigned to `np_random`.
         seeds = None if self._begun and seed is None else [self.np_random_seed]
         if seeds is not None and seeds[0] < 0:
             seeds = [int(self.np_random.integers(2**63))]
@@ -216,7 +216,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         observations, vectors, scalars = results
         numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
         info = dict(zip(VECTORS, (vectors[part, 0] for part in self._parts), strict=True)) | numbers
-        # A start outside the box ends with the first step.
+        # If the initial state is outside the box, the episode ends with the first step.
         info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
         info = {name: info[name] for name in INFO}
         self._ended = False
@@ -228,11 +228,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
+        # The numbers are named one by one, without dict(zip(...)) or a starred call, for speed: half of a step's time.
         try:
-            kind = action.dtype  # numbers as such; texts and dates are refused
+            kind = action.dtype  # float arrays need no check; strings and dates are refused
             self._sent[:] = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
-        except (AttributeError, MemoryError, TypeError, ValueError):  # no array of as many numbers as joints
+        except (AttributeError, MemoryError, TypeError, ValueError):  # not an array with one number per joint
             self._sent[:] = self._numbers(action)
         self._run(self._call_at)
         time, error, circularity, motor, tracking, effort, reward, clipped, over, reason = self._scalars[:]
@@ -286,7 +286,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._vectors = vectors.reshape(len(VECTORS), -1) if self._even else vectors[:, 0]
 
     def _refuse_nonfinite(self) -> None:
-        """Raise ValueError if the action was not finite: no arm has moved, and the clock is set back."""
+        """Raise ValueError if the action was not finite; the arm has not moved then, and the clock is set back."""
         torque = self._sent[:]
         if not all(map(isfinite, torque)):
             self._lanes.clock[CLOCK.row] -= 1

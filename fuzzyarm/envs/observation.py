@@ -31,10 +31,10 @@ _SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
 OBSERVATION_SCALE = np.array([0.67, 1.9, 1.4, 1.6, 0.67, 1.9, 1.4, 1.6, 19.0, 21.0])
 """Typical magnitudes of the paper's arm, in the order and units of `Observation`.
 
-They are the root mean squares of `default_reference.reference_family`, which a motor that follows has as well.
+They are root mean squares over `default_reference.reference_family`; motors that follow these references have the same.
 """
 ACTION_SCALE = np.array(ArmParameters().torque_limit)
-"""The largest torques of its motors [N m]."""
+"""The torque limits of the paper's arm [N m]."""
 OBSERVATION_SCALE.flags.writeable = ACTION_SCALE.flags.writeable = False
 
 

@@ -1,4 +1,4 @@
-"""Control periods and sub-steps: their allowed values, and how many sub-steps a period has. Loads no heavy module."""
+"""Control periods and sub-steps: their allowed values, and how many sub-steps a period has. Imports no heavy module."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = [
 ]  # fmt: skip
 
 SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 0.1  # allowed control periods [s]
-_MOST_SUBSTEPS = 10_000  # sub-steps that a control period may have: a step then takes about a millisecond
-MOST_STEPS = 1_000_000  # control steps that a reference may have: its table then takes 170 MB
-MAX_DEFAULT_SUBSTEP = 2e-4  # largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs
+_MOST_SUBSTEPS = 10_000  # most sub-steps of a control period; they take about a millisecond to simulate
+MOST_STEPS = 1_000_000  # most control steps of a reference; its table then takes 170 MB
+MAX_DEFAULT_SUBSTEP = 2e-4  # largest default sub-step [s]; `benchmarks/accuracy.py` measures the resulting error
 
 _RESOLVED, _STABLE = 1.0, 2.0
-"""Largest sub-step times the fastest rate of the arm: by default, and below which no mode grows; see `fastest_mode`."""
+"""Limits of sub-step times fastest rate: the default one, and the one below which no mode grows; see `fastest_mode`."""
 
 
 def checked_period(name: str, period: Any) -> float:
@@ -44,7 +44,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s] make a control period [s]; None: the default number for a fastest rate [rad/s]."""
+    """Return the number of sub-steps [s] in a control period [s]; for None, the default at a fastest rate [rad/s]."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

@@ -4,8 +4,8 @@ With the eye e, unit vectors r (right), d (down) and a (ahead), a point p is see
 
     (right, down) = center + focal (rᵀ (p - e), dᵀ (p - e)) / depth,    depth = aᵀ (p - e).
 
-Gravity points down the picture. The robot faces from left to right. The camera shows both the vertical plane through
-the base and the middle of the path, and the plane of the path, as openly as possible, from slightly above.
+Gravity points down the picture. The robot faces from left to right. The camera looks from slightly above. The vertical
+plane through the base and the middle of the path, and the plane of the path, both face it as far as possible.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from fuzzyarm.envs.scenario.kinematics import reach, upwards
 
 __all__ = ["Camera", "Poses", "across", "floor_of", "in_space", "looking_at", "poses_of"]
 
-_ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
-_DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
-_LEVEL = 1e-6  # share below which a direction counts as none
+_ELEVATION = 0.35  # tangent of the angle at which the camera looks down if both planes are vertical
+_DISTANCE = 4.0  # distance of the eye from the middle of the view, in reaches of the robot
+_LEVEL = 1e-6  # relative length below which a vector counts as zero
 
 
 class Poses(NamedTuple):
@@ -38,14 +38,14 @@ class Camera(NamedTuple):
     eye: np.ndarray  # e (3,) [m]
     axes: np.ndarray  # the rows r, d, a (3, 3)
     focal: float = 1.0  # scale of the picture at depth 1 m [px]
-    center: np.ndarray = np.zeros(2)  # where the point straight ahead is seen (2,) [px]
+    center: np.ndarray = np.zeros(2)  # picture position of the point straight ahead (2,) [px]
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Return how far ahead points (..., 3) [m] are, (...) [m]."""
+        """Return the depth (...) [m] of points (..., 3) [m]."""
         return np.asarray((points - self.eye) @ self.axes[-1])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Return where points (..., 3) [m] are seen, (right, down), (..., 2) [px]."""
+        """Return the picture positions (right, down) (..., 2) [px] of points (..., 3) [m]."""
         seen = (points - self.eye) @ self.axes.T
         return np.asarray(self.center + self.focal * seen[..., :-1] / seen[..., -1:])
 
@@ -58,7 +58,7 @@ class Camera(NamedTuple):
 
 
 class _Floor(NamedTuple):
-    """A level plane below a robot, or at its base if it does not hang."""
+    """A horizontal plane at the height of a robot's base or of its lowest point, whichever is lower."""
 
     up: np.ndarray  # unit normal (3,)
     height: float  # of the plane above the base [m]
@@ -105,7 +105,7 @@ def in_space(vectors: np.ndarray) -> np.ndarray:
 
 
 def looking_at(robot: Robot, path: np.ndarray) -> Camera:
-    """Return a camera for a robot whose tip follows a path (n, 3) [m]; `Camera.fitted` gives it its scale."""
+    """Return a camera for a robot whose tip follows a path (n, 3) [m]; `Camera.fitted` then sets the scale."""
     up, middle = upwards(robot), path.mean(axis=0)
     forwards = _unit(middle - (middle @ up) * up)
     if not forwards.any():  # the path is above or below the base
@@ -130,6 +130,6 @@ def _normal(path: np.ndarray, length: float) -> np.ndarray:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
-    """Return a vector (3,) scaled to length 1; zero for one that is zero up to rounding."""
+    """Return a vector (3,) scaled to length 1; zero for a vector that is zero up to rounding."""
     length = np.linalg.norm(vector)
     return np.asarray(vector / length if length > _LEVEL else np.zeros_like(vector))

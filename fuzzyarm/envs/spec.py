@@ -19,7 +19,7 @@ from fuzzyarm.common.checks import shown
 __all__ = ["Spec", "made_from_json"]
 
 _Arguments = ParamSpec("_Arguments")
-_KIND, _HOME = "record", "fuzzyarm.envs."  # as data, a record of the package names its class under this key
+_KIND, _HOME = "record", "fuzzyarm.envs."  # key that names the class in the data of a record of the package
 
 
 class Spec(EnvSpec):

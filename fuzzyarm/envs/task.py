@@ -1,7 +1,7 @@
 """The tracking task at one instant: tip position, tip error, reward, and whether the episode terminates.
 
 Elementwise source, see `elementwise`: the same code assesses one arm, a batch and tensors.
-`Termination` says why an episode was terminated, in every back end.
+`Termination` lists the reasons for a termination, the same in every back end.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ __all__ = ["Termination", "assess", "clipped", "finite", "reason_of", "target_re
 
 
 class Termination(enum.IntEnum):
-    """Reason of termination; `text` is what ``info["reason"]`` says.
+    """Reason for a termination; `text` is the value of ``info["reason"]``.
 
     `NONE` means that an episode continues or was truncated. If several reasons apply, `NOT_FINITE` comes
-    before `ANGLE`, and `ANGLE` before `VELOCITY`. `LOST` occurs only in ``FuzzyArmLearn-v0``, after all others.
+    before `ANGLE`, and `ANGLE` before `VELOCITY`. `LOST` occurs only in ``FuzzyArmLearn-v0`` and comes last.
     """
 
     NONE = 0
@@ -33,7 +33,7 @@ class Termination(enum.IntEnum):
 
     @property
     def text(self) -> str:
-        """One line about the reason; empty for `NONE`."""
+        """The reason in one line of text; empty for `NONE`."""
         return _TEXTS[self]
 
 
@@ -45,7 +45,7 @@ _TEXTS = {
     Termination.LOST: "the tip lost its reference",
 }
 
-# Plain floats: the functions below also run on tensors, which know no enumerations.
+# Plain floats, because the functions below also run on tensors, which do not support enumerations.
 _ANGLE, _VELOCITY, _NOT_FINITE = map(float, (Termination.ANGLE, Termination.VELOCITY, Termination.NOT_FINITE))
 
 
@@ -56,13 +56,13 @@ def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
 
 
 _TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
-_BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
-_EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
+_BEYOND_MEASURE = 1e13  # rad, rad/s; above roughly this size, `sine_cosine` is meaningless and products overflow
+_EFFORT_WEIGHT = 0.1  # share by which full torque reduces the reward [a choice, no source]
 
 
 @functools.cache
 def target_record(axes: int) -> Any:
-    """Return the record of the target: tip [m], unit normal of the curve, circle [m], whose radius may be 0."""
+    """Return the record of the target: tip [m], unit normal of the curve, circle [m] (radius 0 for other curves)."""
     kind = point(axes)
     return record_type("Target", position=kind, normal=kind, center=kind, radius=Any)
 
@@ -108,7 +108,7 @@ def assess(physics: Physics, state: Any, torque: Any, bias: Any, arm: Any, limit
 
 
 def clipped(torque: Any, limit: Any) -> Any:
-    """Return the torque within ± limit; exact."""
+    """Return the torque clipped to ± limit, without rounding."""
     return torque * (abs(torque) <= limit) + limit * (torque > limit) - limit * (torque < -limit)
 
 
@@ -124,7 +124,7 @@ def _distance(a: Any, b: Any) -> Any:
 
 
 def _deviation(tip: Any, target: Any) -> Any:
-    """Return the signed distance [m] of a tip from the curve: outwards positive for a circle, else along the normal."""
+    """Return the signed distance [m] of a tip from the curve: positive outwards for a circle, else along the normal."""
     is_circle = 1.0 * (target.radius > 0.0)
     outwards = _distance(tip, target.center) - target.radius
     sideways = _total((x - y) * n for x, y, n in zip(tip, target.position, target.normal, strict=True))
@@ -132,7 +132,7 @@ def _deviation(tip: Any, target: Any) -> Any:
 
 
 def _total(numbers: Iterable[Any]) -> Any:
-    """Return the sum, added from the first to the last."""
+    """Return the sum, adding from the first number to the last."""
     return functools.reduce(operator.add, numbers)
 
 

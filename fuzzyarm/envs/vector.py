@@ -1,7 +1,7 @@
 """The batched form of ``FuzzyArm-v0``: a `gymnasium.vector.VectorEnv` for thousands of arms.
 
 `info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
-SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
+SI units [m, rad, rad/s, N m, N, s], as the kernels return them.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from fuzzyarm.envs.task import Termination
 
 __all__ = ["RESET_MASK", "FuzzyArmVectorEnv", "masked", "masked_lanes", "values"]
 
-RESET_MASK = "reset_mask"  # the reset option that holds which lanes (num_envs,) to reset, as booleans
+RESET_MASK = "reset_mask"  # the reset option with the mask (num_envs,) of booleans of the lanes to reset
 
 
 def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
-    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order."""
+    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans selects, in ascending order."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
         raise TypeError(f"{name} is {kind}; it must be a NumPy array of {lanes} booleans, True for each lane to reset")
@@ -67,16 +67,16 @@ def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarr
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Return the entries, each with its mask (lanes,) of lanes, as in Gymnasium's infos."""
+    """Return the entries, each with the mask (lanes,) beside it, as in Gymnasium's infos."""
     return {**entries, **{f"_{key}": mask for key in entries}}
 
 
 def _partial_info(
     vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
-    """Return the info of the lanes of a mask (lanes,), in the units of the kernels; the rows of the others are zero.
+    """Return the info of the lanes in a mask (lanes,), in the units of the kernels; the rows of other lanes are zero.
 
-    Vectors are as `Layout.each` gives them, scalars (10, lanes); `drawn` is what the episodes drew, by quantity.
+    `vectors` is a result of `Layout.each`, `scalars` is (10, lanes), and `drawn` has the episodes' draws by quantity.
     """
     which = np.flatnonzero(mask)
     info: dict[str, Any] = {name: _rows_of(which, rows) for name, rows in values(vectors, scalars).items()}
@@ -93,11 +93,11 @@ def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _reasons(scalars: np.ndarray) -> dict[str, Any]:
-    """Return why episodes were terminated, from the scalars (10, lanes) of the results; empty if none was."""
+    """Return the reasons of terminations from the scalars (10, lanes) of the results; empty without a termination."""
     terminated = scalars[_REASON] != 0.0
     if not terminated.any():
         return {}
-    texts = np.empty(len(terminated), dtype=object)  # of None
+    texts = np.empty(len(terminated), dtype=object)  # filled with None
     texts[terminated] = _REASON_TEXTS[scalars[_REASON, terminated].astype(int)]
     return masked({"reason": texts}, terminated)
 
@@ -110,7 +110,7 @@ def _final_info(
     ended: np.ndarray,
 ) -> dict[str, Any]:
     """Return last observations (lanes, 5 joints) and `_partial_info` of the episodes that `ended` (lanes,), masked."""
-    final_obs = np.empty(len(ended), dtype=object)  # of None
+    final_obs = np.empty(len(ended), dtype=object)  # filled with None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
     info = {**_partial_info(vectors, scalars, drawn, ended), **_reasons(scalars)}
@@ -118,7 +118,7 @@ def _final_info(
 
 
 _MOST_LANES, _MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
-_OVER = "over"  # in a state: which lanes have ended and wait for a reset
+_OVER = "over"  # key in a saved state: which lanes have ended and wait for a reset
 
 
 class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -130,24 +130,24 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     observation and `info` are then the new episode's first, and those of the last instant are in ``info["final_obs"]``
     (an array of objects) and ``info["final_info"]``, masked by ``_final_obs``, ``_final_info``.
 
-    ``autoreset_mode="NextStep"`` or ``"Disabled"``, or the member of Gymnasium's `AutoresetMode`, chooses another: the
-    step after an end begins that lane's next episode, ignores its action and gives the reward 0; or
-    ``reset(options={"reset_mask": mask})`` begins one in the lanes that the mask (num_envs,) of booleans names, and a
-    step before raises. A mask works in every mode: the other lanes continue and have no `info`.
+    Two other modes can be chosen, by text or as a member of Gymnasium's `AutoresetMode`. ``"NextStep"``: the step after
+    an episode's end begins that lane's next episode, ignores its action and gives the reward 0. ``"Disabled"``: call
+    ``reset(options={"reset_mask": mask})`` with a mask (num_envs,) of booleans that selects the ended lanes; a step
+    before that raises. A mask works in every mode: the lanes outside it continue and have no `info`.
 
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     value for all lanes or a sequence with one per lane, and so may `case`, `disturbance`, `reference` and
     `initial_state` in ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is the number of
     threads that share a step (default: one per 1,024 lanes, at most one per core); results do not depend on it.
 
-    ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
-    that lane continue. All lanes have the sub-steps that the fastest of the arms needs.
+    ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, and where it contains None, the
+    random stream of that lane continues. All lanes use the sub-step that the arm with the fastest mode needs.
 
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range, or a sequence does not have one entry per lane; the message
             names the lane if there are several.
-        gymnasium.error.ResetNeeded: `step` before `reset`, or with a lane that has ended if nothing resets it.
+        gymnasium.error.ResetNeeded: `step` before `reset`, or while a lane has ended that is not reset automatically.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  Gymnasium's name and type
@@ -276,7 +276,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     @property
     def autoreset_mode(self) -> AutoresetMode:
-        """The autoreset mode, as TorchRL queries it; see the class."""
+        """The autoreset mode, which TorchRL reads under this name; see the class."""
         return self._mode
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -284,7 +284,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
-            ValueError: a lane is in a scenario that reset options asked for.
+            ValueError: a lane is in a scenario that was chosen by reset options.
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.get_state()")
@@ -323,7 +323,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
     def _judge(self, scalars: np.ndarray) -> None:
-        """Change rewards and ends in the scalars (10, lanes) of a step, if a task defines its own."""
+        """Change rewards and episode ends in the scalars (10, lanes) of a step, if a task defines its own."""
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
         info = values(self.lanes.layout.each(vectors), scalars, flagged)
@@ -362,7 +362,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if one is not None or self._randomisation.references:
                 return arguments.chosen_reference(one, self._randomisation, arm)
             links = (arm.length, arm.joint_limit, arm.velocity_limit) if isinstance(arm, ArmParameters) else arm.digest
-            if links not in circles or is_placed(circles[links]):  # for one arm alone
+            if links not in circles or is_placed(circles[links]):  # such a reference fits one arm only
                 circles[links] = default_reference(arm)
             return circles[links]
 

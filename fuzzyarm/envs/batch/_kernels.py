@@ -1,7 +1,7 @@
 """The kernels of the environments: a control step of every lane, the beginning of episodes, and observations.
 
-One arm and a quarter of a million run the same functions, `control_step.control_step`, `control_step.begun` and
-`control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
+One arm and a batch of a quarter of a million run the same functions, `control_step.control_step`, `control_step.begun`
+and `control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class Kernels:
     def step(self) -> Kernel:
         """Hold torques in every lane for one control step.
 
-        Takes values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes), with the
-        control period [s], the sub-step [s] and the number of sub-steps; the table is the schedule.
+        Its arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes); its
+        constants are control period [s], sub-step [s] and number of sub-steps; its table is the schedule.
         """
         physics, Row = self.layout.physics, self._row
 
@@ -51,7 +51,7 @@ class Kernels:
         ) -> tuple[Any, ...]:
             period, h, substeps = periods
             at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
-            reached = minimum(at + 1.0, last)  # two threads may step an episode that is over: it stays at its end
+            reached = minimum(at + 1.0, last)  # if two threads step at once, an ended episode stays at its end
             now, after = (filled(Row, row(schedule, place)) for place in (at, reached))
             moved = control_step(
                 physics, lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
@@ -68,9 +68,9 @@ class Kernels:
     def begin(self) -> Kernel:
         """Begin an episode in every lane.
 
-        Takes values, clock, the drawn numbers (numbers, lanes), `Given` and the initial states (lanes, numbers),
-        observations and `Results` (numbers, lanes), with the ranges of the draws; the tables are plants, starts and
-        schedule.
+        Its arrays are values, clock, the drawn numbers (numbers, lanes), `Given` and the initial states (lanes,
+        numbers), observations and `Results` (numbers, lanes); its constants are the ranges of the draws; its tables are
+        plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
@@ -90,7 +90,7 @@ class Kernels:
 
     @functools.cached_property
     def observe(self) -> Kernel:
-        """Write the current observations without a step. Takes values, clock, observations and the schedule."""
+        """Write the current observations without a step; the arrays are values, clock, observations and schedule."""
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
             at, first = number(word(clock.row)), number(word(clock.first))
@@ -117,8 +117,8 @@ _LAYOUTS = {"R": Layout.ROWS, "C": Layout.COLUMNS, "B": Layout.BLOCKS}
 
 
 def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[int, ...]], layouts: str) -> Kernel:
-    """Return the kernel of a function whose ports lie in rows (R), columns (C) or blocks (B)."""
-    with np.errstate(over="ignore"):  # of words
+    """Return the kernel of a function; `layouts` has R (rows), C (columns) or B (blocks) for each port."""
+    with np.errstate(over="ignore"):  # products of words may overflow
         program = Program(function, ports, constants, tables)
     return Kernel(program, [_LAYOUTS[one] for one in layouts])
 

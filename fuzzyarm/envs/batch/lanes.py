@@ -50,15 +50,15 @@ def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
 _Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Observations, vectors and scalars of lanes, see `Layout.split`."""
 
-_ACTION = 2  # port of the control step, see `Kernels.step`
+_ACTION = 2  # index of the action among the arguments of `Kernels.step`
 
 
 class Lanes:
     """A batch of arms, each with its own plant, scenario and random stream.
 
-    `plants` and `scenarios` are one for all lanes or one per lane; lanes with the same scenario share its table. The
-    control period is in s and has `substeps` sub-steps. A step uses `threads` threads; None: one per 1,024 lanes, at
-    most one per core. ValueError for a reference that does not fit the plant of its lane.
+    `plants` and `scenarios` have one entry for all lanes or one per lane; lanes with the same scenario share its table.
+    The control period is in s and has `substeps` sub-steps. A step uses `threads` threads; None: one per 1,024 lanes,
+    at most one per core. ValueError for a reference that does not fit the plant of its lane.
     """
 
     def __init__(
@@ -100,15 +100,15 @@ class Lanes:
     ) -> _Outcome:
         """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
-        The arguments are for the lanes `which` (n,), ascending, or for all: seeds, None to continue the random stream;
-        scenarios that replace the lanes' own in this episode, one for all or one per lane; initial states (n, 4
-        joints), by default at rest on the reference.
+        The lanes are `which` (n,), in ascending order, or all. A seed None continues a lane's random stream. The
+        scenarios replace the lanes' own ones in this episode; there is one for all or one per lane. The initial states
+        are (n, 4 joints), by default at rest on the reference.
         """
         lanes = np.arange(self.count) if which is None else which
         others = None if scenarios is None else self._tabulated(scenarios, lanes)
         self._assigned.leave(lanes, self.clock)
         if others is not None:
-            self._assigned.visit(lanes, others)  # a lane returns to its own at its next automatic reset
+            self._assigned.visit(lanes, others)  # a lane returns to its own scenario at its next automatic reset
         for lane, seed in zip(lanes, seeds or (), strict=seeds is not None):
             if seed is not None:
                 self.clock[CLOCK.key, lane] = key_of(seed).view(np.int64)
@@ -116,31 +116,31 @@ class Lanes:
         return self._begin(lanes, initial)
 
     def restart(self, which: np.ndarray) -> _Outcome:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does."""
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return the same as `reset`."""
         self._assigned.back(which)
         return self._begin(which)
 
     def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
-        """Return the step of all lanes under torques (lanes, joints) [N m]; it writes results (`Layout.size`,)."""
+        """Return the code that steps all lanes under torques (lanes, joints) [N m] and writes to `out` (size,)."""
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
     @property
     def table(self) -> np.ndarray:
-        """The schedules (rows, numbers of a row) of all episodes below each other."""
+        """The stacked schedules (rows, numbers of a row) of all episodes."""
         return self._assigned.tables.table
 
     def numbers(self, rows: slice) -> np.ndarray:
-        """Return a copy of some of the lanes' numbers, (rows, lanes), see `Layout.Lane`."""
+        """Return a copy of these rows (rows, lanes) of the lanes' data, see `Layout.Lane`."""
         return by_rows(self.values[:, rows], self.count)
 
     def torque_limit(self, lane: int) -> list[float]:
-        """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
+        """Return the torque limits (joints,) [N m] of the motors in a lane; its episode must have begun."""
         return [float(self.values[lane // WIDE, row, lane % WIDE]) for row in self.layout.LANE.limits.torque]
 
     @property
     def longest_episode(self) -> int:
-        """Control steps of the longest of the lanes' own schedules."""
+        """The number of control steps of the longest schedule among the lanes' own ones."""
         return max(episode.schedule.steps for episode in self._assigned.own.episodes)
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in these arrays, see `control_step.begun`; `places` has schedules and payload positions."""
+        """Begin episodes in these arrays (see `control_step.begun`); `places` has schedules and payload positions."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         initial = (
@@ -184,8 +184,8 @@ class Lanes:
     def step(self, action: np.ndarray) -> _Outcome:
         """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
-        The action (count, joints) [N m] is clipped to the plants' limits, and its array is not used again by the
-        caller. ValueError for a torque that is not finite; then no lane has moved.
+        The action (count, joints) [N m] is clipped to the plants' limits; the caller must not use its array again.
+        ValueError for a torque that is not finite; then no lane has moved.
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
@@ -201,11 +201,11 @@ class Lanes:
         return self.layout.split(room.array(), self.count)
 
     def _step_in(self, room: Room, action: np.ndarray) -> Call:
-        """Return the control step of all lanes, with a room for its results."""
+        """Return the code of the control step of all lanes, which writes its results into the room."""
         lasting, kept = (self.values, self.clock, self.table), room.kept
         if kept is None or not all(map(operator.is_, lasting, kept[1:])):
             kept = room.kept = self.bound(action, room.array()), *lasting
-            kept[0].release()  # or the room would never be free
+            kept[0].release()  # otherwise the room would never be free
         call: Call = kept[0]
         call.on(_ACTION, action)
         return call
@@ -213,7 +213,7 @@ class Lanes:
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> _Outcome:
         """Step like `step`, but begin the next episode in the lanes `over` (n,), whatever the action."""
         action[over] = 0.0
-        # The kernel moves every lane, and a lane must be before its last row for that; here it moves in vain.
+        # The kernel steps every lane, which must not be in its last row; `restart` then overwrites this step.
         ends = self.clock[CLOCK.row, over]
         self.clock[CLOCK.row, over] = self.clock[CLOCK.first, over]
         try:
@@ -235,7 +235,7 @@ class Lanes:
         return self._drawn_info
 
     def schedule(self, lane: int) -> tuple[Reference, Schedule]:
-        """Return the reference and the tables of the episode that a lane is in."""
+        """Return the reference and the schedule of the current episode of a lane."""
         tables, (starts, _) = self._assigned.tables, self._assigned.places(np.array([lane]))
         place = int(starts[0])
         if tables.starts[place, START.family] > 0.0:
@@ -279,9 +279,9 @@ class Lanes:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
     def _check_contents(self, arrays: _SavedArrays, over: np.ndarray | None) -> None:
-        """Raise ValueError unless the lanes can reach a state, in which only the lanes `over` (n,) have ended.
+        """Raise ValueError unless the lanes can reach the state `arrays` with only the lanes `over` (n,) ended.
 
-        Everything except the arm's state and the current instant follows from the key of the episode.
+        Everything except the arm's state and the current instant is determined by the key of the episode.
         """
         clock, begun = arrays["clock"], (self.values.copy(), self.clock.copy(), self.drawn.copy())
         values, expected, drawn = begun
@@ -319,6 +319,6 @@ class Lanes:
         return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Restore a copy, which may be the first object of its kind in its process."""
+        """Restore a copy; its process may not have compiled the kernels yet."""
         self.__dict__.update(state)
         self.kernels.prepare(self.count)

@@ -1,12 +1,12 @@
 """The arrays that the kernels work on, as records: the data of a lane, and the results of a step.
 
-values (blocks, numbers of `Lane`, WIDE)  lanes through their episodes: a block of them is one piece of memory
-clock (numbers of `Clock`, lanes)         where they are in their schedules, and their random streams
-table (rows, numbers of a row)            the schedules of all episodes below each other, see `schedule`
-starts (schedules, numbers of `Start`)    where each schedule begins, and what its episode starts with
-out                                       observations and `Results` of a step, one array, see `Layout.split`
+values (blocks, numbers of `Lane`, WIDE)  data of the lanes during their episodes; a block is contiguous in memory
+clock (numbers of `Clock`, lanes)         current rows of the lanes in their schedules, and their random streams
+table (rows, numbers of a row)            stacked schedules of all episodes, see `schedule`
+starts (schedules, numbers of `Start`)    rows of each schedule, and initial data of its episode
+out                                       observations and `Results` of a step in one array, see `Layout.split`
 
-The parts that depend on the equations, through the numbers of joints and axes, are in the `Layout` of a `Physics`.
+A `Layout` has the parts that depend on the equations, that is, on the numbers of joints and axes.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Start(NamedTuple):
     last: Any  # last row
     payload: Any  # mass that the disturbance adds [kg]
     noise: Noise  # of the encoders
-    family: Any  # 1 if the schedule is the first one of a family, of which each episode draws one; else 0
+    family: Any  # 1 if the schedule is the first one of a family from which each episode draws; else 0
 
 
 VECTORS = (
@@ -90,22 +90,22 @@ class Results(NamedTuple):
     scalars: Any  # `StepScalars`
 
 
-CLOCK, START = places(Clock), places(Start)  # where each number of the records `Clock` and `Start` lies in its array
+CLOCK, START = places(Clock), places(Start)  # index of each number of the records `Clock` and `Start` in its array
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
-"""The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
+"""The keys of `info`; the last two are flags. Reward, truncated and reason are reported separately."""
 
-_POINTS = ("tip", "tip_reference", "external_force")  # those of `StepVectors` that have a number for each axis
+_POINTS = ("tip", "tip_reference", "external_force")  # the fields of `StepVectors` with a number for each axis
 
 
 class Layout:
-    """Records of an arm's equations, and where each number of them lies in its array.
+    """Records for an arm's equations, and the index of each of their numbers in its array.
 
     Attributes:
         Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
-        LANE: places in `Lane`.
-        observed: numbers in an observation; `longest`: in the longest of the vectors; `reported`: in `Results`.
-        parts: where the numbers of each of the vectors lie among those of all, as slices.
+        LANE: index of each number of `Lane`.
+        observed: how many numbers an observation has; `longest`: the longest of the vectors; `reported`: `Results`.
+        parts: slice of each of the vectors among the numbers of all vectors.
     """
 
     def __init__(self, physics: Physics) -> None:
@@ -120,7 +120,7 @@ class Layout:
         self.reported = stops[-1] + len(SCALARS)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
-        """Pickle the equations alone: the records are made again."""
+        """Pickle only the equations; the records are rebuilt from them."""
         return layout_of, (self.physics,)
 
     def size(self, lanes: int) -> int:
@@ -143,12 +143,12 @@ class Layout:
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
 
     def each(self, vectors: np.ndarray) -> list[np.ndarray]:
-        """Return the vectors (n, numbers of it), in order, from the rows that `split` gives."""
+        """Return each vector (lanes, numbers of the vector), in order, from the rows returned by `split`."""
         return [vectors[part].T for part in self.parts]
 
 
 _SCALAR_COUNT = len(SCALARS)
-_LINE = 8  # numbers of a line of the cache
+_LINE = 8  # numbers in a cache line
 
 
 def _apart(lanes: int) -> int:
@@ -162,8 +162,8 @@ def layout_of(physics: Physics) -> Layout:
     return Layout(physics)
 
 
-_KEPT = 3  # a loop holds the results of the last step while the next one is made
-_OWN = 2  # references to an array that nobody else holds: the room's, and the argument of `getrefcount`
+_KEPT = 3  # rooms: a loop still holds the results of the last step while the next step is made
+_OWN = 2  # references to a free array: the one in its room, and the argument of `getrefcount`
 
 
 class Room:
@@ -179,7 +179,7 @@ class Room:
         self.kept: Any = None
 
     def array(self) -> np.ndarray:
-        """Return its numbers (size,), which are arbitrary at first."""
+        """Return the array (size,) of the room; its numbers are arbitrary at first."""
         return self._array[self._first : self._stop]
 
 

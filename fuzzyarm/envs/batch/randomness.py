@@ -1,12 +1,12 @@
 """Random streams, one per episode of a lane: number k is a pure function of the stream's key and the counter k.
 
-SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), mix a bijection of the
-64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the same
-bits.
+SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), where mix is a bijection of
+the 64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the
+same bits.
 
-The numbers of an episode are used in this order: number 0 is the key of the lane's next episode; from 1 on follows the
-domain randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; and from `noise_counter` on
-every control step uses two numbers per joint for the encoder noise, first of all angles, then of all velocities.
+The numbers of an episode are used in this order: number 0 is the key of the lane's next episode; the numbers from 1 on
+are for the domain randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; from
+`noise_counter` on, every control step uses two numbers per joint for the encoder noise, angles before velocities.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FIRST, _SECOND = 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
 _FIRST_INVERSE, _SECOND_INVERSE = (pow(factor, -1, 2**64) for factor in (_FIRST, _SECOND))
 _RESOLUTION = 2.0**-53
 NEXT_KEY, RANDOMISATION = 0, 1  # counters, see above
-_FIRST_NOISE = 32  # counter, for as many joints as leave room for it
+_FIRST_NOISE = 32  # first counter of the noise, unless many joints need more numbers before it
 _TWO_PI = 2.0 * np.pi
 
 
@@ -44,13 +44,13 @@ def _mix(word: Any) -> Any:
 
 
 def draw(key: Any, counter: Any) -> Any:
-    """Return word number `counter` (uint64, or a whole number of Python) of the stream `key` (uint64)."""
+    """Return word number `counter` (uint64 or a Python int) of the stream with key `key` (uint64)."""
     offset = (counter + 1) * _GAMMA
     return _mix(key + (offset % 2**64 if isinstance(offset, int) else offset))
 
 
 def key_before(key: np.ndarray) -> np.ndarray:
-    """Return the keys (lanes,) uint64 whose streams have `key` (lanes,) as number `NEXT_KEY`: the inverse of `draw`."""
+    """Return the keys (lanes,) uint64 for which number `NEXT_KEY` of the stream is `key` (lanes,): invert `draw`."""
     word = key ^ (key >> 31) ^ (key >> 62)
     word = word * _SECOND_INVERSE
     word = (word ^ (word >> 27) ^ (word >> 54)) * _FIRST_INVERSE

@@ -22,7 +22,7 @@ from fuzzyarm.envs.task import target_record
 
 __all__ = ["Schedule", "reference_record", "row_record"]
 
-_FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
+_FORCE_SAMPLES = 8  # per control step; a kink of the force within a step then costs less than 0.1 µm at the tip
 
 
 @functools.cache
@@ -45,8 +45,8 @@ def row_record(joints: int, axes: int) -> Any:
 class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
-    `table` (steps + 1, numbers of `row_record`) has units as there; the properties are its columns. The last row, at
-    the end of the episode, has no force or bias.
+    `table` (steps + 1, numbers of `row_record`) has the units given there; the properties are its columns. The last
+    row, at the end of the episode, has no force or bias.
     """
 
     disturbance: Disturbance
@@ -56,7 +56,7 @@ class Schedule:
 
     @property
     def columns(self) -> Any:
-        """The slice of columns that each field of a row takes."""
+        """The slice of columns of each field of a row."""
         return columns(row_record(self.joints, self.axes))
 
     @property
@@ -71,12 +71,12 @@ class Schedule:
 
     @property
     def targets(self) -> np.ndarray:
-        """(steps + 1, 7 or 10), what the tip is compared with at t_k, a `task.target_record`."""
+        """(steps + 1, 7 or 10), the target of the tip at t_k, a `task.target_record`."""
         return self.table[:, self.columns.target]
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4 or 6), mean tip force [N] of step k and change of the line with its impulse and first moment."""
+        """(steps, 4 or 6), mean and change [N] of the line with the impulse and first moment of step k's tip force."""
         return self.table[:-1, self.columns.force]
 
     @property
@@ -120,7 +120,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
     if force.shape != (len(times), axes):
-        # Compiled code checks no bounds.
+        # Compiled code does not check bounds.
         raise ValueError(
             f"tip_force.at returned shape {force.shape} for {len(times)} times; needed: ({len(times)}, {axes})"
         )

@@ -24,14 +24,14 @@ from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "distinct", "tabulated"]
 
-MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
+MAX_ACCELERATION = 1e4  # rad/s², bound on the reference's acceleration in the observation space
 _CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
 
 _Item = TypeVar("_Item")
 
 
 class _Episode(NamedTuple):
-    """A reference, its schedule, and the initial data of its episode, whose rows depend on the schedule's position."""
+    """A reference, its schedule, and the initial data of its episode; `Tables` sets the rows in the data."""
 
     reference: Reference
     schedule: Schedule
@@ -44,8 +44,8 @@ class Tables:
     Attributes:
         scenarios: the episodes of each scenario; `episodes`: all episodes in order.
         firsts: (scenarios,) the number of the first episode of each scenario.
-        starts: (episodes, numbers of `Start`).
-        table: (rows, numbers of `Row`), the schedules below each other.
+        starts: (episodes, numbers of `Start`), the initial data of each episode.
+        table: (rows, numbers of `Row`), the stacked schedules.
     """
 
     def __init__(self, scenarios: Sequence[list[_Episode]]) -> None:
@@ -66,8 +66,8 @@ class Tables:
 class Assignment:
     """The number of each lane's scenario: its own, or for one episode a scenario requested by a reset.
 
-    It is built from the result of `tabulated` for the lanes' own scenarios, `own`; `tables` has these first, then the
-    others in use.
+    It is built from the result of `tabulated` for the lanes' own scenarios, `own`. `tables` lists these first, then
+    the other scenarios in use.
     """
 
     def __init__(self, own: tuple[Tables, np.ndarray, np.ndarray]) -> None:
@@ -76,7 +76,7 @@ class Assignment:
 
     @property
     def own_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Number of the first episode (lanes,) and payload's place (lanes,), in the lanes' own scenarios."""
+        """Number of the first episode (lanes,) and place of the payload (lanes,) in the lanes' own scenarios."""
         scenarios, places = self._own
         return self.own.firsts[scenarios], places
 
@@ -106,7 +106,7 @@ class Assignment:
             clock[[[CLOCK.row], [CLOCK.first], [CLOCK.last]], visiting] += moved
 
     def visit(self, lanes: np.ndarray, scenarios: tuple[Tables, np.ndarray, np.ndarray]) -> None:
-        """Put these lanes (n,) into other scenarios, given as the lanes' own ones were."""
+        """Put these lanes (n,) into other scenarios, given as a result of `tabulated`."""
         if self.tables is self.own:
             self._scenario_of, self._place_of = (part.copy() for part in self._own)
         tables, scenario_of, self._place_of[lanes] = scenarios
@@ -129,10 +129,10 @@ def tabulated(
     family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables of scenarios every `control_period` [s], and of each lane scenario (n,) and payload's place (n,).
+    """Return tables with a row every `control_period` [s], and each lane's scenario (n,) and payload place (n,).
 
-    There is one scenario for all n lanes or one per lane, with plant number `plant_of` (n,). Episodes without a
-    reference draw one from the family.
+    There is one scenario for all n lanes or one per lane; `plant_of` (n,) is the plant number of each lane. Episodes
+    without a reference draw one from the family.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)
@@ -147,7 +147,7 @@ def tabulated(
 
 
 def _shared(compute: Callable[..., Any], *arguments: Any) -> Any:
-    """Return compute(*arguments). If nothing in the arguments can change, all batches share one result.
+    """Return compute(*arguments). If all arguments are immutable, all batches share one result.
 
     The 320 references of the learning task take a second to tabulate, and their table has 30 MB.
     """
@@ -155,7 +155,7 @@ def _shared(compute: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def _constant(value: Any) -> bool:
-    """Return whether a value consists of numbers, words, tuples and frozen data classes alone."""
+    """Return whether a value consists only of numbers, strings, None, tuples and frozen data classes."""
     if isinstance(value, tuple):
         return all(map(_constant, value))
     if frozen := getattr(value, "__dataclass_params__", None):
@@ -173,7 +173,7 @@ def _check_all(references: tuple[Reference, ...], arm: AnyArm) -> None:
 
 @functools.lru_cache(maxsize=2)
 def _tables(kinds: tuple[Scenario, ...], family: tuple[Reference, ...], control_period: float, axes: int) -> Tables:
-    """Return the tables of scenarios every `control_period` [s], with `axes` coordinates of the tip."""
+    """Return the tables of scenarios, with a row every `control_period` [s] and `axes` coordinates of the tip."""
     return Tables([_episodes(one, family, control_period, axes) for one in kinds])
 
 
@@ -202,7 +202,7 @@ def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarra
 
 
 def _check_reference(reference: Reference, arm: AnyArm) -> None:
-    """Raise ValueError unless the arm can follow the reference, which was validated for its own arm."""
+    """Raise ValueError unless the arm can follow the reference, which may have been made for another arm."""
     bounds = bounds_of(arm)
     if reference.joints != len(bounds.low):
         raise ValueError(
@@ -239,6 +239,6 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
 
 
 def _same_frames(one: Robot, other: Robot) -> bool:
-    """Return whether the joints and the tip of two robots with as many joints are at the same places."""
+    """Return whether two robots with equally many joints have the same joint frames and the same tip."""
     names = ("position", "rotation", "axis", "tip")
     return all(np.array_equal(getattr(one.arrays, name), getattr(other.arrays, name)) for name in names)

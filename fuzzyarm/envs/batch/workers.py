@@ -11,9 +11,9 @@ from fuzzyarm.numbers.machine import WIDE, Call
 __all__ = ["LANES_PER_THREAD", "Workers"]
 
 LANES_PER_THREAD = 1024
-"""Lanes of the smallest piece, about 100 us of work: to wake a thread for less takes longer than it saves."""
+"""Lanes of the smallest piece, about 100 us of work: waking a thread for less takes longer than it saves."""
 
-_PIECES = 8  # for each thread: the last one to finish keeps the others waiting for one piece at most
+_PIECES = 8  # per thread: the others wait for the slowest thread for the duration of one piece at most
 
 
 class Workers:
@@ -74,6 +74,6 @@ def _most(wanted: int) -> int:
     """Return the requested number of threads, at most one per available core, container quotas included."""
     if wanted <= 1:
         return 1
-    from joblib import cpu_count  # here, as a single arm and a small batch do not need it
+    from joblib import cpu_count  # imported here, because a single arm or a small batch does not need it
 
     return min(wanted, int(cpu_count()))

@@ -1,13 +1,13 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-Constant rotations and zeros of a robot are floats; its other numbers and its motion are `Folded`: 0 x is 0,
-0 + x and 1 x are x, and (-x) y, x + (-y) and -(x - y) are -(x y), x - y and y - x, which is exact. Link j turns about
+Constant rotations and zeros of a robot are floats; its other numbers and its motion are `Folded`, which simplifies
+exactly: 0 x to 0, 0 + x and 1 x to x, (-x) y to -(x y), x + (-y) to x - y, and -(x - y) to y - x. Link j turns about
 the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
-symmetric about the joint's axis: rotation about that axis changes only I_zz, which this part lacks. It can equally be
-fixed to the preceding link. `regrouped` moves it there, from the tip to the base (Gautier and Khalil, 1990), which
-leaves the base parameters: no masses, two first moments and five inertias a link.
+symmetric about the joint's axis: rotation about that axis involves only I_zz, which is 0 for this body. The body can
+equally be fixed to the preceding link. `regrouped` moves it there, link by link from the tip to the base (Gautier and
+Khalil, 1990), which leaves the base parameters: no masses, two first moments and five inertias per link.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class Body(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """The frames of a robot whose joints turn about z, its links and its tip, at certain angles of the joints.
+    """The frames of a robot whose joints turn about z, its links and its tip, at given joint angles.
 
-    The methods that need the angles, all but `regrouped`, take bodies without masses; see the module.
+    All methods except `regrouped` need the angles and require bodies without masses; see the module.
     """
 
     rotations: Sequence[Sequence[Sequence[Any]]]  # A_j
@@ -73,9 +73,9 @@ class Chain(NamedTuple):
     def mass_matrix(self) -> list[list[Any]]:
         """Return the lower triangle of M(q) [kg m²] by composite rigid bodies: row i has columns 0 to i.
 
-        If the links from j on, as one rigid body, are accelerated about axis j, this takes the force f = z × h at the
-        origin of frame j and the moment n = L z. Each axis i <= j of the chain below carries the z component of the
-        moment about its own origin.
+        If the links from j on, as one rigid body, are accelerated about axis j, this requires the force f = z × h at
+        the origin of frame j and the moment n = L z. Each axis i <= j carries the z component of the moment about its
+        own origin.
         """
         rows: list[list[Any]] = []
         whole = self.bodies[-1]
@@ -100,9 +100,9 @@ class Chain(NamedTuple):
 
             ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
 
-        Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, and those of the links beyond.
+        Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, plus f and n of the links beyond.
 
-        Gravity g [m/s²] is in the base frame, F [N] on the tip in the last one, see `in_last_frame`.
+        Gravity g [m/s²] is in the base frame, the tip force F [N] in the last frame, see `in_last_frame`.
         """
         turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
         motion: _Matrix = (NOTHING, NOTHING, NOTHING)
@@ -241,7 +241,7 @@ def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Iner
 
 
 def _turned_inertia(turn: _Turn, inertia: Inertia) -> Inertia:
-    """Return Z L Zᵀ with eight products for the part in the plane: its trace stays."""
+    """Return Z L Zᵀ, with only eight products for the part in the plane, whose trace does not change."""
     (sine, cosine), L = turn, inertia
     first, second = cosine * L.xx - sine * L.xy, cosine * L.xy - sine * L.yy
     xx, xy = cosine * first - sine * second, sine * first + cosine * second
@@ -278,7 +278,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 class Folded:
-    """A number not known at recording time, or its negative; arithmetic accepts its own class and floats."""
+    """A number that is unknown at recording time, or its negative; operators accept `Folded` and floats."""
 
     __slots__ = ("negative", "value")
 

@@ -2,13 +2,13 @@
 
     model = "ur5.urdf"                     # beside this file
     tip = "tool0"                          # a link or site of the model, or [x, y, z] in the last link's frame [m]
-    fixed = ["finger_joint1"]              # joints that stay as the model has them; optional
+    fixed = ["finger_joint1"]              # joints that stay at rest as in the model; optional
     [joints.shoulder_pan_joint]
     motor_inertia = 0.6                    # the fields of `Drive`, and `velocity_limit`
 
 Quantities that the model provides may be omitted: gravity, angle ranges (`range`), URDF's `velocity` and `effort`
 (torque limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and MJCF's `armature`, which are
-read as viscous friction, Coulomb friction (static alike) and motor inertia.
+read as viscous friction, Coulomb friction (also as static friction) and motor inertia.
 
 MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. Any other element that
 would move the arm in MuJoCo is refused by name, see `_unknown_forces`.
@@ -35,7 +35,7 @@ from fuzzyarm.envs.physics.robot import Robot
 __all__ = ["read_model", "read_robot", "robot_of_model"]
 
 _MASSLESS = 1e-9  # kg
-_SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
+_SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # disable flags of what is read
 _GAZEBO = re.compile(
     r"<((?:springStiffness|dampingFactor|turnGravityOff)(?!\s*>\s*(?:[0.]+|false)\s*<)|gravity(?=\s*>\s*(?:0|false)))\s*>"
 )
@@ -126,7 +126,7 @@ class _Model:
                 )
 
     def _unlike(self) -> Iterator[str]:
-        """Yield complaints about joints that are not revolute, or whose angle is defined differently here."""
+        """Yield complaints about joints that are not revolute, or that have another zero angle than here."""
         for joint in self.chain:
             if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
                 kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
@@ -138,7 +138,7 @@ class _Model:
                 yield f"joint {shown(joint.name)} has ref = {joint.ref}; define its frame at angle 0, with ref = 0"
 
     def _inertias(self) -> Iterator[str]:
-        """Yield complaints about links without inertia, and give them one."""
+        """Yield complaints about links without inertia, and give these links a placeholder inertia."""
         compiler, rule = self.spec.compiler, self.mujoco.mjtInertiaFromGeom
         always, (low, high) = compiler.inertiafromgeom == rule.mjINERTIAFROMGEOM_TRUE, compiler.inertiagrouprange
         for joint, bodies in self.parts.items():
@@ -186,7 +186,7 @@ class _Model:
         return bool(wrapped.type == self.mujoco.mjtWrap.mjWRAP_JOINT and wrapped.target.name in self.fixed)
 
     def _compiled(self) -> Any:
-        """Return the model of bodies, primitive shapes and joints that move, all orientations resolved."""
+        """Return the compiled model of bodies, primitive shapes and moving joints, with all orientations resolved."""
         spec = self.spec
         for parts in (
             *(spec.keys, spec.sensors, spec.actuators, spec.tendons, spec.equalities, spec.excludes, spec.pairs),
@@ -201,7 +201,7 @@ class _Model:
         return spec.compile()
 
     def _carrier(self, body: int) -> int:
-        """Return the link of the chain that a body is fixed to, or 0, the base."""
+        """Return the link of the chain to which a body is fixed; 0 is the base."""
         while body and body not in self.links:
             body = int(self.model.body_parentid[body])
         return body
@@ -217,7 +217,7 @@ class _Model:
         return parts
 
     def place(self, name: str) -> np.ndarray:
-        """Return the point of a link or site in the base frame; ValueError unless it moves with the last joint."""
+        """Return the position of a link or site in the base frame; ValueError unless it moves with the last joint."""
         site = self._number("mjOBJ_SITE", name)
         body = int(self.model.site_bodyid[site]) if site >= 0 else self._number("mjOBJ_BODY", name)
         if body < 0:
@@ -231,7 +231,7 @@ class _Model:
         return point
 
     def _stated(self, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
-        """Return the quantities of a joint in the model (None: absent), and why others cannot be read."""
+        """Return the quantities of a joint in the model (None: absent), and the reasons why some cannot be read."""
         model, k, differs = self.model, int(self.model.jnt_dofadr[joint]), {}
         low, high = model.jnt_actfrcrange[joint].tolist()
         values = {
@@ -251,12 +251,12 @@ class _Model:
         return values, differs
 
     def stated(self, name: str, joint: int) -> dict[str, Any]:
-        """Return the quantities of a joint that the model has and that can be read; None: absent."""
+        """Return the quantities of a joint in the model; None for a quantity that is absent or cannot be read."""
         values, differs = self._stated(name, joint)
         return values | dict.fromkeys(differs)
 
     def places(self) -> list[str]:
-        """Return the names of the links and sites that move with the last joint, those farthest out first."""
+        """Return the names of the links and sites that move with the last joint, the farthest out first."""
         spec, last = self.model, self.links[-1]
         bodies = [spec.body(k).name for k in range(1, spec.nbody) if self._carrier(k) == last]
         sites = [spec.site(k).name for k in range(spec.nsite) if self._carrier(int(spec.site_bodyid[k])) == last]
@@ -283,7 +283,7 @@ class _Model:
 
 
 def _is_opened(geom: Any) -> bool:
-    """Return whether the shape of a geom is in a file."""
+    """Return whether the shape of a geom is stored in a file."""
     return bool(geom.meshname) or geom.type.name in ("mjGEOM_MESH", "mjGEOM_HFIELD", "mjGEOM_SDF")
 
 
@@ -301,7 +301,7 @@ def read_model(path: Path, fixed: Collection[str]) -> _Model:
         ) from None
     text = _text(path)
     warn = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes its log into the working folder
+    mujoco.set_mju_user_warning(lambda _: None)  # otherwise MuJoCo writes its log into the working folder
     try:
         with warnings.catch_warnings(action="ignore"):
             return _Model(mujoco, text, fixed)
@@ -331,7 +331,7 @@ def _speeds(text: str) -> Iterator[tuple[str, float]]:
 
 
 _ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle
-_NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
+_NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles give in place of a zero
 
 _GIVEN = [field.name for field in dataclasses.fields(Drive)] + ["velocity_limit"]
 _JointOverlay: Any = dataclasses.make_dataclass(
@@ -339,7 +339,7 @@ _JointOverlay: Any = dataclasses.make_dataclass(
     [*((name, float | None, None) for name in _GIVEN), ("angle_range", tuple[float, float] | None, None)],
     frozen=True, kw_only=True, namespace={"__module__": __name__},
 )  # fmt: skip
-"""What a model lacks of one joint; None: take it from the model. Fields and units are those of `Drive` and `Joint`."""
+"""The overlay's numbers of one joint; None: the model's number. Fields and units are those of `Drive` and `Joint`."""
 
 _DRIVEN = [field.name for field in dataclasses.fields(_JointOverlay)]
 
@@ -352,10 +352,10 @@ class _Overlay:
     tip: str | Vector  # name of a link or site of the model, or a point [m], shape (3,), in the last link's frame
     joints: dict[str, _JointOverlay]  # by the joint's name in the model
     name: str = ""  # of the robot; empty: the model's
-    fixed: tuple[str, ...] = ()  # names of joints that stay as the model has them
+    fixed: tuple[str, ...] = ()  # names of joints that stay at rest as in the model
     gravity: Vector | None = None  # [m/s²], shape (3,), in the base frame; None: the model's
     sources: tuple[str, ...] = ()  # where the numbers come from
-    assumptions: tuple[str, ...] = ()  # which numbers are assumed, and why so
+    assumptions: tuple[str, ...] = ()  # which numbers are assumed, and why
 
 
 def read_robot(path: str | Path) -> Robot:
@@ -381,7 +381,7 @@ def read_robot(path: str | Path) -> Robot:
 def robot_of_model(
     tree: _Model, tip: Any, joints: Mapping[str, Any], sources: tuple[str, ...], assumptions: tuple[str, ...]
 ) -> Robot:
-    """Return the robot of a model with numbers for each joint; its texts say where the numbers come from."""
+    """Return the robot of a model with numbers for each joint; the texts state the origin of the numbers."""
     overlay = {"model": "", "tip": tip, "joints": joints, "sources": sources, "assumptions": assumptions}
     return _robot(tree, record(overlay, _Overlay))
 
@@ -429,12 +429,12 @@ def _link(parts: list[_Part], rotation: np.ndarray, origin: Any) -> Link:
 
 
 def _neat(values: np.ndarray) -> np.ndarray:
-    """Return entries of rotations and axes within rounding of 0, 1 or -1 as exactly that."""
+    """Return rotations or axes; an entry within rounding of 0, 1 or -1 is replaced by that number."""
     near = np.rint(values)
     return np.where(np.abs(values - near) <= _ROUNDING, near, values) + 0.0
 
 
 def _vector(values: np.ndarray) -> Vector:
-    """Return three numbers, negligible ones as 0."""
+    """Return three numbers, with negligible ones set to 0."""
     x, y, z = np.where(np.abs(values) > _NEGLIGIBLE, values, 0.0).tolist()
     return x, y, z

@@ -1,9 +1,9 @@
 """The equations of motion of a serial robot as `Physics`: the recursive algorithms on its frames, links and drives.
 
 Robots with the same *structure*, that is, the same rotations between their frames and the same zeros, have the same
-equations, which omit zero terms (see `Folded`). Constants of the arm are computed once per episode: the `Arm` holds the
-numbers of the regrouped links that the equations need, see `recursion`. It has moment1x, moment1y, inertia1xx, ...,
-position1x, ..., tipx, ..., gravityx, ..., and the fields of `Motor`.
+equations, which omit zero terms (see `Folded`). Constants of the arm are computed once per episode: the `Arm` contains
+the numbers of the regrouped links that the equations need (see `recursion`), that is, moment1x, moment1y,
+inertia1xx, ..., position1x, ..., tipx, ..., gravityx, ..., and the fields of `Motor`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _Rows = tuple[tuple[float, ...], ...]
 _LIMITS = ("angle_low", "angle_high", "velocity_limit")
 _AXES = "xyz"
 _ENTRIES = Inertia._fields
-_PLANAR_JOINTS = 2  # of the arm whose tip has two coordinates, the paper's
+_PLANAR_JOINTS = 2  # number of joints of the arm whose tip has two coordinates, the paper's
 _UNTURNED = as_rows(np.eye(DIMENSIONS))
 _ROUNDING = 1e-15  # of products of rotations
 
@@ -56,15 +56,15 @@ _ROUNDING = 1e-15  # of products of rotations
 class Structure(NamedTuple):  # its name is part of the digests of states
     """The structure shared by robots with the same equations, see the module."""
 
-    # of each joint frame in the one before, once each frame is turned so that its axis is z
+    # of each joint frame in the frame before, after each frame has been turned so that its joint axis is z
     rotations: tuple[_Rows, ...]
-    frames: tuple[_Rows, ...]  # that turn, for each joint: the columns are the new axes in the old frame
+    frames: tuple[_Rows, ...]  # this turn for each joint; the columns are the new axes in the old frame
     planar: bool  # whether it is an arm of two joints in a plane, whose tip has two coordinates
-    numbers: tuple[str, ...]  # names of the numbers of a `Plant`, in order; the others are zero
+    numbers: tuple[str, ...]  # names of the numbers of a `Plant`, in order; all other numbers of the robot are zero
 
 
 def physics_of(robot: Robot) -> Physics:
-    """Return the equations of motion of a robot; robots of one structure have the same object."""
+    """Return the equations of motion of a robot; robots of one structure share one object."""
     return _physics(structure_of(robot))
 
 
@@ -78,7 +78,7 @@ def structure_of(robot: Robot) -> Structure:
     heights = np.concatenate([now.position[:, -1], now.tip[-1:], now.gravity[-1:]])
     upright = bool((now.axis[:, -1] == 1.0).all() and (now.rotation[:, -1, -1] == 1.0).all())
     planar = len(robot) == _PLANAR_JOINTS and upright and not heights.any()
-    kept = (*DRIVE_UNITS, *_LIMITS, "mass")  # zero or not
+    kept = (*DRIVE_UNITS, *_LIMITS, "mass")  # even if they are zero
     names = [name for name, value in numbers.items() if value != 0.0 or name.rstrip("0123456789") in kept]
     return Structure(tuple(map(_exact, rotations)), tuple(map(_exact, frames)), planar, tuple(names))
 
@@ -120,7 +120,7 @@ class _Serial:
         self.Arm = record_type("Arm", **dict.fromkeys(self._link_constants, Any), **motors)
 
     def _needed(self) -> set[str]:
-        """Return the constants that some equation depends on."""
+        """Return the names of the constants on which the equations depend."""
         found = set[str]()
 
         def record(state: Any, arm: Any, force: Any, _: Any) -> Any:
@@ -156,7 +156,7 @@ class _Serial:
         return self.Arm(*(numbers[name] for name in self._link_constants), *itertools.chain(*motors))
 
     def _constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> dict[str, Any]:
-        """Return the constants by name, without those of motors and those that are zero for the structure."""
+        """Return the constants by name, except those of the motors and those that are zero for this structure."""
         frames = self.structure.frames
         before = enumerate([_UNTURNED, *frames[:-1]], start=1)
         positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
@@ -171,7 +171,7 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links; the last carries masses [kg] between its center (place 0) and tip (1), and at the tip."""
+        """Return the links; the last carries one mass [kg] between its center (place 0) and tip (1), one at its tip."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
@@ -185,7 +185,7 @@ class _Serial:
         return bodies
 
     def _links(self, arm: Any) -> Chain:
-        """Return frames and regrouped links of an arm, before any angles are known."""
+        """Return the frames and the regrouped links of an arm, without joint angles."""
         joints = range(1, self.joints + 1)
         positions, tip = [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip")
         bodies = [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]
@@ -195,7 +195,7 @@ class _Serial:
         return _turned(self._links(arm), angles)
 
     def _in_space(self, force: Any) -> Vector:
-        """Return a force with its third component, which is 0 for a planar arm."""
+        """Return a force with three components, the third one 0 for a planar arm."""
         x, y, z = (*_folded(force), 0.0)[:DIMENSIONS]
         return x, y, z
 
@@ -314,7 +314,7 @@ def _turned(links: Chain, angles: Any) -> Chain:
 
 
 def _like(numbers: Iterable[Any], angles: Any) -> list[Any]:
-    """Return numbers in the shape of angles that some of them may not depend on."""
+    """Return numbers broadcast to the shape of the angles, on which some numbers may not depend."""
     return [unfolded(number) + 0.0 * angles[0] for number in numbers]
 
 
@@ -328,6 +328,6 @@ def _frame(axis: np.ndarray) -> np.ndarray:
 
 
 def _exact(rotation: np.ndarray) -> _Rows:
-    """Return a rotation whose entries within rounding of 0, 1 or -1 are exactly that."""
+    """Return a rotation; an entry within rounding of 0, 1 or -1 is replaced by that number."""
     near = np.rint(rotation)
     return as_rows(np.where(np.abs(rotation - near) <= _ROUNDING, near, rotation) + 0.0)

@@ -52,20 +52,20 @@ class Payload:
 
 
 class Motor(NamedTuple):
-    """A motor, its friction and its spring: fields of an `Arm`, whose names end in the joint number."""
+    """A motor, its friction and its spring; in an `Arm`, the names of these fields end in the joint number."""
 
     motor_inertia: Any  # I_a [kg m²]
     viscous: Any  # f_v [N m s/rad]
     stiffness: Any  # k_t [N m/rad]
     damping: Any  # b_t [N m s/rad]
-    dry_friction: DryFriction  # numbers of its curve
+    dry_friction: DryFriction  # parameters of its friction curve
 
 
 class Arm(NamedTuple):
     """The constants the equations use; every entry a scalar, or an array with one value per lane.
 
-    c1..c3 are the inertias of the mass matrix [kg m²], c4 and c5 the gravity torques [N m]; motor inertias
-    [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], dry friction, link
+    c1..c3 are the inertias of the mass matrix [kg m²], c4 and c5 the gravity torques [N m]. Then follow motor inertias
+    [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], dry friction, and link
     lengths [m].
     """
 
@@ -88,7 +88,7 @@ class Arm(NamedTuple):
     length2: Any
 
 
-_UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload changes nothing
+_UNLOADED = Arm._fields.index("motor_inertia1")  # a payload changes neither this field nor those after it
 
 Plant: Any = record_type(
     "Plant", **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)}
@@ -151,13 +151,13 @@ def _unloaded(parameters: ArmParameters) -> Arm:
 
 
 def plant_of(parameters: ArmParameters) -> Any:
-    """Return the parameters as a `Plant`, the form in which the equations take them."""
+    """Return the parameters as a `Plant`, the form used by the equations."""
     values = (getattr(parameters, field.name) for field in dataclasses.fields(parameters))
     return Plant(*(PerJoint(*value) if isinstance(value, tuple) else value for value in values))
 
 
 def dry_frictions(arm: Arm) -> tuple[DryFriction, DryFriction]:
-    """Return the numbers of the friction curve of both motors."""
+    """Return the parameters of the friction curves of both motors."""
     return arm.dry_friction1, arm.dry_friction2
 
 

@@ -1,9 +1,9 @@
 """The functions that the physics needs beyond arithmetic, for every number type it supports.
 
-The plant is written once, on scalars: `numbers` records it and makes machine code for one arm and for many at once;
+The plant is written once, for scalars: `numbers` records it and makes machine code for one arm and for many at once;
 NumPy runs it on arrays, torch on tensors. Sine, cosine and exponential are polynomials here, because vector libraries
-round differently from scalar ones: lane i of a batch would no longer be the single arm, bit for bit. Tensors use
-torch's own functions.
+round differently from scalar ones, and lane i of a batch would then differ from the single arm in the last bits.
+Tensors use torch's own functions.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def select(condition: Any, first: Any, second: Any) -> Any:
 
 @apart
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
-    """Reduce to |x| <= π/4, Taylor polynomials of degree 15 and 16, then the quadrant. Good for |angle| < 1e6 rad."""
+    """Reduce to |x| <= π/4, use Taylor polynomials of degree 15 and 16, then the quadrant; for |angle| < 1e6 rad."""
     turns = np.rint(angle * _TWO_BY_PI)
     x = ((angle - turns * _HALF_PI[0]) - turns * _HALF_PI[1]) - turns * _HALF_PI[2]
     # Estrin's scheme: its chain of dependent operations is half as long as that of Horner's scheme.
@@ -76,7 +76,7 @@ def sinc(angle: Any) -> Any:
 
 
 def gaussian(x: Any) -> Any:
-    """Return exp(-x²), absolute error below 3e-14; 4e-18 instead of less for x² > 40."""
+    """Return exp(-x²) with absolute error below 3e-14; the value is 4e-18 for all x² > 40."""
     return (-(x * x)).exp() if hasattr(x, "exp") else _gaussian(x)
 
 

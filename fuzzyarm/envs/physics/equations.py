@@ -1,6 +1,6 @@
 """The equations of any arm, and those of the paper's two-joint arm.
 
-The latter are in `dynamics`, `friction` and `integrator`. Elementwise source, see `elementwise`.
+Those of the two-joint arm are in `dynamics`, `friction` and `integrator`. Elementwise source, see `elementwise`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = [
 ]  # fmt: skip
 
 AnyArm = ArmParameters | Robot  # the two-joint arm by its parameters, or any serial robot
-_PAPER = "paper"  # the robot that is the two-joint arm of Table 1
+_PAPER = "paper"  # name of the two-joint arm of Table 1 among the robots
 IN_FOLDER = "robot.toml"  # the file of the arm in a folder of `fuzzyarm tune`
 
 
@@ -44,7 +44,7 @@ class _Bounds(NamedTuple):
 
 
 def equations_of(arm: AnyArm) -> Physics:
-    """Return the equations of motion of an arm; arms of one structure have the same object."""
+    """Return the equations of motion of an arm; arms of one structure share one object."""
     if isinstance(arm, ArmParameters):
         return two_joints()
     from fuzzyarm.envs.physics._serial import physics_of  # the paper's arm needs no recursion
@@ -61,7 +61,7 @@ def bounds_of(arm: AnyArm) -> _Bounds:
 
 
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
-    """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
+    """Return the arm given by the arguments ``robot`` and ``parameters`` of an environment; neither: Table 1.
 
     Args:
         robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, folder of `fuzzyarm
@@ -85,10 +85,10 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
 
 
 def corners_of(robot: Any) -> dict[str, AnyArm]:
-    """Return the arms at the ends of the table `[ranges]` in the file that ``robot`` names, by words, see `Ranges`.
+    """Return the arms at the ends of the table `[ranges]` in the file ``robot``, by description, see `Ranges`.
 
     Args:
-        robot: as for `chosen_arm`. The mapping is empty for everything but a file, and for a file without the table.
+        robot: as for `chosen_arm`. The mapping is empty unless this is a file with the table.
     """
     if not isinstance(robot, str | os.PathLike) or robot in (_PAPER, *shipped_robots()):
         return {}
@@ -98,7 +98,7 @@ def corners_of(robot: Any) -> dict[str, AnyArm]:
 
 
 def argument_of(arm: AnyArm) -> dict[str, Any]:
-    """Return the argument of an environment that names an arm: ``parameters`` or ``robot``."""
+    """Return the argument of an environment that selects an arm: ``parameters`` or ``robot``."""
     return {"parameters": arm} if isinstance(arm, ArmParameters) else {"robot": arm}
 
 
@@ -127,7 +127,7 @@ def robot_of(arm: AnyArm) -> Robot:
 
 
 def common_equations(arms: Sequence[AnyArm]) -> Physics:
-    """Return the equations of all these arms; ValueError if they differ."""
+    """Return the common equations of these arms; ValueError if they differ."""
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
         same = "equal joint axes and rotations, and zeros in the same other numbers"

@@ -41,11 +41,11 @@ _MAX_EVENTS = 1000
 _MAX_STEP = 2.5e-4
 """Longest step [s], 0.08 rad of Table 1's fastest vibration: two events that cancel within one step are not seen.
 
-At Table 1 it binds before the default tolerances do; halving it moves the result by less than 1e-14.
+With Table 1, it limits the step before the default tolerances do; halving it changes the result by less than 1e-14.
 """
 
 _BREAK_AWAY_MARGIN = 1e-12
-"""Relative excess over Γ_fs at which stick ends, so that a net torque of exactly Γ_fs holds for ever."""
+"""Relative excess over Γ_fs at which stick ends, so that a motor under a net torque of exactly Γ_fs always sticks."""
 
 
 def integrate(
@@ -62,11 +62,11 @@ def integrate(
 ) -> np.ndarray:
     """Return the state (8,) at `stop` under held motor torques (2,) [N m] and a tip force F(t) [N], continuous in time.
 
-    The entries of `records.State` [rad, rad/s] at the time `start` [s] are given; a velocity of exactly 0 may mean
-    stick. `rtol` and `atol` are DOP853's.
+    `state` has the entries of `records.State` [rad, rad/s] at the time `start` [s]; a velocity of exactly 0 may mean
+    stick. `rtol` and `atol` are the tolerances of DOP853.
 
     Raises:
-        RuntimeError: the solver gave up or met more than `_MAX_EVENTS` events; names the time and the state.
+        RuntimeError: the solver failed or found more than `_MAX_EVENTS` events; the message names time and state.
     """
     y = np.array(state, dtype=float)
     plant = _Plant(parameters, payload, torque, force)
@@ -99,7 +99,7 @@ def integrate(
 
 
 class _Plant:
-    """The three modes of each motor and the right-hand side under them, for one hold.
+    """The three modes of each motor and the right-hand side in these modes, for one held torque.
 
     A mode is the sign of the motor's velocity, 0 for stick.
     """
@@ -119,20 +119,20 @@ class _Plant:
         self.force, self.parameters = force, parameters
 
     def joint_torque(self, joint: int, y: Sequence[float] | np.ndarray) -> float:
-        """Return Γ_t [N m] of one joint, (2)."""
+        """Return Γ_t [N m] of one joint, equation (2)."""
         p = self.parameters
         bending, rate = y[_MOTOR + joint] - y[_LINK + joint], y[_MOTOR_VELOCITY + joint] - y[_LINK_VELOCITY + joint]
         return p.stiffness[joint] * bending + p.damping[joint] * rate
 
     def mode(self, joint: int, y: np.ndarray) -> int:
-        """Return the mode at a state: the sign of the velocity, or at rest of the net torque if it exceeds Γ_fs."""
+        """Return the mode: the sign of the velocity; at rest, the sign of the net torque if it exceeds Γ_fs, else 0."""
         if y[_MOTOR_VELOCITY + joint] != 0.0:
             return int(np.sign(y[_MOTOR_VELOCITY + joint]))
         net = self.torque[joint] - self.joint_torque(joint, y)
         return int(np.sign(net)) if abs(net) > self.parameters.static_friction[joint] else 0
 
     def next_mode(self, joint: int, mode: int, y: np.ndarray) -> int:
-        """Return the mode after the event that ended `mode`; a slip that ended gets velocity 0 exactly, in place."""
+        """Return the mode after the event that ended `mode`; after a slip, set the velocity in `y` to exactly 0."""
         # The joint has broken away; testing |net| > Γ_fs again would depend on rounding of the event's time
         if mode == 0:
             return int(np.sign(self.torque[joint] - self.joint_torque(joint, y)))
@@ -140,10 +140,10 @@ class _Plant:
         return self.mode(joint, y)
 
     def end_of_mode(self, joint: int, mode: int, start: float) -> Any:
-        """Return the event of `solve_ivp` that ends this mode: a speed [rad/s], in stick a torque [N m], reaches zero.
+        """Return the event of `solve_ivp` that ends this mode: a speed [rad/s] or, in stick, a torque [N m] becomes 0.
 
-        It is treated as positive at `start`. Otherwise a slip that has just left v = 0 would end immediately, and a
-        simultaneous event of the other joint could hide this one.
+        The quantity is treated as positive at `start`. Otherwise a slip that has just left v = 0 would end immediately,
+        and a simultaneous event of the other joint could hide this one.
         """
         static = self.parameters.static_friction[joint]
 

@@ -30,7 +30,7 @@ DRY_TORQUES = ("coulomb_friction", "static_friction")
 
 
 def dry_friction_of(plant: Any, joint: int) -> DryFriction:
-    """Return the friction parameters of one motor of a plant, whose fields hold one number or one per joint."""
+    """Return the friction parameters of one motor of a plant, whose fields are one number or one per joint."""
     values = (getattr(plant, name) for name in DryFriction._fields)
     return DryFriction(*(value[joint] if isinstance(value, tuple) else value for value in values))
 
@@ -44,8 +44,8 @@ def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
 class _FrictionCurve(NamedTuple):
     """A friction curve F(v) that falls from F(0) = Γ_fs, with the properties that a proof uses and checks in balls."""
 
-    magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m], of the speed and the numbers of the curve, of any type
-    steepest: Callable[[DryFriction], Any]  # a bound of -F'(v) [N m s/rad] for these numbers
+    magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m] from the speed and the parameters, of any number type
+    steepest: Callable[[DryFriction], Any]  # a bound on -F'(v) [N m s/rad] for these parameters
     inflection: Callable[[DryFriction], Any]  # v [rad/s] at which -F' is largest: F' falls below it and rises above it
 
 
@@ -58,9 +58,9 @@ STRIBECK = _FrictionCurve(
 
 
 def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
-    """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
+    """Return Γ_f [N m] of section 2: -F(v) sign v when slipping; at rest, minus the net torque, limited to ±Γ_fs.
 
-    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] must be held by the friction at rest; F(0) = Γ_fs.
+    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] is what friction has to balance at rest; Γ_fs = F(0).
     """
     slip = -stribeck_magnitude(velocity, dry) * sign(velocity)
     stick = -smaller(abs(net_torque), dry.static_friction) * sign(net_torque)
@@ -71,14 +71,14 @@ def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
 def stick_slip(velocity: Any, acceleration: Any, deceleration: Any, duration: Any) -> tuple[Any, Any]:
     """Solve v̇ ∈ a - f Sgn(v) exactly over a duration [s]; return the velocity [rad/s] and the angle travelled [rad].
 
-    The velocity v [rad/s] falls or rises linearly under constant a and f >= 0 [rad/s²], all other torques and the
-    friction's magnitude over the inertia. When it reaches zero it stays there if |a| <= f and leaves on the other side
-    otherwise. No smoothing: a stuck joint has velocity exactly 0.
+    a and f >= 0 [rad/s²] are constant: the other torques and the friction's magnitude, each divided by the inertia. The
+    velocity v [rad/s] is linear in time until it reaches zero; then it stays zero if |a| <= f and changes sign
+    otherwise. There is no smoothing: a stuck joint has velocity exactly 0.
     """
     speed, direction = abs(velocity), sign(velocity)
     along = speed + duration * (direction * acceleration - deceleration)
     # First part: until the line reaches zero (all of `duration` if it does not); second part: from rest.
-    # The comparison only decides 0/0, a joint that starts at rest, for which the first part is empty.
+    # The comparison matters only for 0/0, that is, for a joint initially at rest, whose first part is empty.
     whole = speed + positive_part(-along)
     slip_time = duration * speed / (whole + 1.0 * (whole == 0.0))
     rest_time = duration - slip_time

@@ -1,7 +1,7 @@
-"""A robot from a URDF or MJCF file alone: what the model lacks, and typical values by source.
+"""A robot from a URDF or MJCF file without an overlay: the numbers that the model lacks, and typical values for them.
 
-The shipped robots carry values with their sources. For a joint with torque limit Γ they are those of the joint of the
-other robot whose limit Γ' is nearest, times Γ/Γ' (angles and speeds as they are).
+The typical values are those of a shipped robot, whose file states their sources. For a joint with torque limit Γ, they
+are those of the shipped robot's joint with the nearest limit Γ', times Γ/Γ' (angles and speeds unchanged).
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ __all__ = ["UNITS", "Lacking", "Typical", "completed", "joints_of_model", "typic
 
 UNITS = {**DRIVE_UNITS, "velocity_limit": "rad/s", "angle_range": "rad"}
 """The quantities of a joint that can be given, with their units."""
-_ASKED = tuple(name for name in UNITS if name not in ("static_friction", "stribeck_velocity"))  # by default Coulomb's
+_ASKED = tuple(name for name in UNITS if name not in ("static_friction", "stribeck_velocity"))  # both have defaults
 _WORDS = {"motor_inertia": "rotor", "stiffness": "stiffness", "damping": "damping", "torque_limit": "torque limit"}
-_FRICTION = ("viscous_friction", "coulomb_friction")  # 0 in a model that says nothing
+_FRICTION = ("viscous_friction", "coulomb_friction")  # 0 in a model that does not state them
 
-Given = Mapping[str, Mapping[str, Any]]  # numbers by quantity, by joint
+Given = Mapping[str, Mapping[str, Any]]  # numbers by joint and quantity
 
 
 class Lacking(ValueError):
-    """A model lacks numbers; the message lists them all.
+    """Error for a model that lacks numbers; the message lists all of them.
 
     Attributes:
-        quantities: that are lacking, with the joints that lack them.
+        quantities: the missing quantities, each with the joints that lack it.
     """
 
     def __init__(self, message: str, quantities: dict[str, list[str]]) -> None:
@@ -42,27 +42,27 @@ class Lacking(ValueError):
 
 
 class Typical(NamedTuple):
-    """Values of a shipped robot, and what its file says of their sources."""
+    """Values of a shipped robot, and the sources that its file states for them."""
 
     robot: str
-    values: dict[str, tuple[float, ...]]  # of its joints from the base on, by quantity
+    values: dict[str, tuple[float, ...]]  # by quantity, one for each joint from the base on
     sources: tuple[str, ...]
 
 
 def completed(
     path: Path, tip: Any = None, given: Given | None = None, like: str | None = None, fixed: Collection[str] = ()
 ) -> Robot:
-    """Return the robot of a URDF or MJCF file, completed.
+    """Return the robot of a URDF or MJCF file, completed with given and typical numbers.
 
     Args:
         path: of the model.
         tip: name of a link or site, or a point (3,) [m] in the last link's frame.
-        given: numbers by quantity, see `UNITS`, and by joint; they precede the model's.
-        like: a shipped robot from which the numbers are taken that are neither given nor in the model.
-        fixed: joints that stay as the model has them.
+        given: numbers by joint and quantity, see `UNITS`; they take precedence over the model's numbers.
+        like: a shipped robot, whose numbers are used where they are neither given nor in the model.
+        fixed: joints that stay at rest as in the model.
 
     Raises:
-        Lacking: numbers or the tip are lacking.
+        Lacking: numbers or the tip are missing.
         ModuleNotFoundError: MuJoCo is not installed; the message names the extra.
         ValueError: the model is not a chain of revolute joints, or a value is out of range or unknown.
         OSError: the file cannot be read.
@@ -96,12 +96,12 @@ def completed(
 
 
 def joints_of_model(path: Path, fixed: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the names of the joints of a model that move; errors as in `completed`."""
+    """Return the names of the moving joints of a model; errors as in `completed`."""
     return models.read_model(path, fixed).joints
 
 
 def typical(quantities: Collection[str]) -> list[Typical]:
-    """Return the values of quantities of the drives in the shipped robots that have a source, with what they say."""
+    """Return the values of these drive quantities in each shipped robot that states a source, with the source texts."""
     found = []
     for name in shipped_robots():
         robot, said = robot_named(name), dict[str, None]()
@@ -120,7 +120,7 @@ def _sources(like: str | None) -> tuple[str, ...]:
 
 
 def _nearest(robot: Robot, limit: float | None) -> tuple[Joint, float]:
-    """Return the joint of a robot whose torque limit is nearest to one [N m], and the ratio of the limits."""
+    """Return the joint whose torque limit is nearest to `limit` [N m], and the ratio of `limit` to its limit."""
     if limit is None:
         return robot.joints[-1], 1.0
     near = min(robot.joints, key=lambda joint: abs(math.log(joint.drive.torque_limit / limit)))

@@ -8,8 +8,8 @@ The configuration-dependent terms (sines, mass matrix, gravity, tip force) are c
 only the velocity-dependent ones are computed twice. The motors' velocities are advanced by `stick_slip`, so
 stick is exact.
 
-`advanced` is this step for any number of joints; `step` and `loaded_step` are that of the two-joint arm. Over a control
-step, `held_of`, the torque is held and the tip force is a line in time.
+`advanced` is this step for any number of joints; `step` and `loaded_step` are the step of the two-joint arm. Over a
+control step (`held_of`), the torque is held and the tip force is linear in time.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from fuzzyarm.numbers.program import Program
 __all__ = ["advanced", "force_line", "held_of", "hold_of", "loaded_step", "step"]
 
 _Accelerations = Callable[[Any, Any], Any]
-"""Gives the links' accelerations [rad/s²] at certain angles from the joint torques [N m] and the links' velocities."""
+"""Function of the joint torques [N m] and the links' velocities that returns the links' accelerations [rad/s²]."""
 
 
 def advanced(state: Any, torque: Any, at: Callable[[Any], _Accelerations], arm: Any, h: Any) -> Any:
     """Return the state of n joints a sub-step h [s] later under motor torques [N m], see the module.
 
-    `at` returns the accelerations of the links by their angles [rad]; `arm` has the fields of `Motor`.
+    `at` returns the acceleration function for the links' angles [rad]; `arm` has the fields of `Motor`.
     """
     half = 0.5 * h
     motor, link = _drifted(state.motor, state.motor_velocity, half), _drifted(state.link, state.link_velocity, half)
@@ -66,10 +66,10 @@ def _drifted(angles: Any, velocities: Any, duration: Any) -> Any:
 def _kick(
     start: Any, middle: Any, torque: Any, accelerations: _Accelerations, driven: Any, arm: Any, duration: Any
 ) -> tuple[Any, Any, Any]:
-    """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations of `middle`.
+    """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations in state `middle`.
 
-    The third result is the angles [rad] that the motors travelled. `driven` holds the motors with inverse inertias,
-    because products cost less than quotients.
+    The third result is the angles [rad] that the motors travelled. `driven` has each motor with its inverse inertia,
+    because a product costs less than a quotient.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
     links = accelerations(joint, middle.link_velocity)
@@ -117,7 +117,7 @@ def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any
 
 
 def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> _Accelerations:
-    """Return the accelerations under torques `outer` [N m] besides those of the joints and the velocities."""
+    """Return the acceleration function under torques `outer` [N m] in addition to joint and Coriolis torques."""
 
     def accelerations(joint: PerJoint, rates: PerJoint) -> tuple[Any, Any]:
         coriolis1, coriolis2 = coriolis_torque(sin2, rates.joint1, rates.joint2, arm)
@@ -129,7 +129,7 @@ def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> _Acceleration
 
 @functools.cache
 def force_line(axes: int) -> Any:
-    """Return the record of a tip force that is linear in time over a control step: mean and change over it [N]."""
+    """Return the record of a tip force that is linear over a control step: its mean and its change in the step [N]."""
     return record_type("ForceLine", mean=point(axes), change=point(axes))
 
 
@@ -137,8 +137,8 @@ def force_line(axes: int) -> Any:
 def held_of(physics: Physics) -> Callable[..., Any]:
     """Return ``held(state, torque, mean, change, arm, h, substeps)``, the state one control step later.
 
-    Torques [N m], a record, are held. The tip force is a line in time with a mean and a change over the step [N]; each
-    of the `substeps` sub-steps of h [s] takes it at its own middle.
+    Torques [N m], a record, are held. The tip force is linear in time, with a mean and a change over the step [N]; each
+    of the `substeps` sub-steps of h [s] uses the force at its own middle.
     """
     Point = physics.Point
 
@@ -158,8 +158,8 @@ def held_of(physics: Physics) -> Callable[..., Any]:
 def hold_of(physics: Physics) -> Callable[..., None]:
     """Return ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
 
-    State (numbers of it, lanes), which changes, torque (joints, lanes) [N m], rows of `force_line` [N] and of the
-    constants, sub-step [s]. ValueError if an array has another shape.
+    The arguments are the state (numbers of a state, lanes), changed in place, the torque (joints, lanes) [N m], rows of
+    `force_line` [N] and of the constants, and the sub-step [s]. ValueError if an array has another shape.
     """
     ForceLine, advance = force_line(physics.axes), held_of(physics)
     kinds = physics.State, physics.PerJoint, ForceLine, physics.Arm

@@ -1,6 +1,6 @@
 """The parts of a serial robot as data: links, drives, and joints; see `robot`.
 
-A value out of range raises ValueError, which names the joint if there is one.
+A value out of range raises ValueError, which names the joint if the value belongs to one.
 """
 
 from __future__ import annotations

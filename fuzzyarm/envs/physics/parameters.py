@@ -19,7 +19,7 @@ __all__ = ["LARGEST", "ArmParameters", "keep_quantities", "quantity"]
 _Pair = tuple[float, float]
 
 LARGEST = 1e12
-"""Largest value of any constant in its unit: far above real arms, and products of constants do not overflow."""
+"""Largest allowed value of a constant in its unit: far above real arms, but products of constants do not overflow."""
 
 # The mass matrix counts as singular if its determinant is below this share of the product of its diagonal
 _SINGULAR_SHARE = 1e-6
@@ -28,9 +28,9 @@ _SINGULAR_SHARE = 1e-6
 def quantity(
     unit: str, default: Any = dataclasses.MISSING, symbol: str = "", *, count: int | None = None, **bounds: float
 ) -> Any:
-    """Return a dataclass field of one real number, or of `count` numbers, with bounds as of `checks.real`.
+    """Return a dataclass field of one real number, or of `count` numbers, with bounds as in `checks.real`.
 
-    The field carries its unit, its symbol and its range, which is at most `LARGEST` unless `high` is given.
+    The metadata of the field are unit, symbol and range; the upper end of the range is `LARGEST` by default.
     """
     metadata = {"unit": unit, "symbol": symbol, "count": count, "bounds": {"high": LARGEST} | bounds}
     return dataclasses.field(default=default, metadata=metadata)
@@ -114,10 +114,10 @@ class ArmParameters:
 
     @classmethod
     def from_toml(cls, path: str | Path) -> ArmParameters:
-        """Read an arm from a TOML file that holds any of the fields; the others keep Table 1. See also `Ranges`.
+        """Read an arm from a TOML file that contains any of the fields; the others default to Table 1. See `Ranges`.
 
         Raises:
-            ValueError: the file is not TOML, or holds an unknown field or a value out of range.
+            ValueError: the file is not TOML, or contains an unknown field or a value out of range.
             OSError: the file cannot be read.
         """
         values = read_toml(Path(path))
@@ -161,7 +161,7 @@ class ArmParameters:
         write_atomically(Path(path), self.to_toml())
 
     def to_toml(self) -> str:
-        """Return a TOML text that `from_toml` reads back to an equal arm, with a unit beside each line."""
+        """Return a TOML text that `from_toml` reads back to an equal arm; a comment in each line states the unit."""
         lines = ["# Two-joint arm with elastic joints; pairs are [joint 1, joint 2]."]
         for field, value in zip(dataclasses.fields(self), self.to_dict().values(), strict=True):
             lines.append(f"{field.name} = {value}  # {field.metadata['symbol']}, {field.metadata['unit']}")

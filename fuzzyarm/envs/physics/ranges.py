@@ -1,11 +1,11 @@
-"""What is not known of an arm: the table `[ranges]` of its file, and the arms at the ends of the ranges.
+"""The uncertain parameters of an arm: the table `[ranges]` of its file, and the arms at the ends of the ranges.
 
     [ranges]
     motor_inertia = [[0.002, 0.06], [0.004, 0.004]]    # lowest and highest of each joint [kg m²]
     stiffness = [[400.0, 1e5], [200.0, 5e4]]           # [N m/rad]
 
-A log of the motors of an arm that hardly bends tells the inertia of rotor and link about a joint's axis as a sum, and
-no stiffness. Whoever writes such a file gives both ranges; the arm's own values lie within them.
+For an arm that hardly bends, a log of the motors reveals only the sum of the rotor and link inertias about each joint's
+axis, and no stiffness. The author of its file therefore gives both ranges; the arm's own values must lie within them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fuzzyarm.common.documents import record
 
 __all__ = ["Ranges"]
 
-_SMALLEST, _LARGEST = 1e-12, 1e12  # of an end, in its unit
+_SMALLEST, _LARGEST = 1e-12, 1e12  # allowed ends of a range, in its unit
 _UNITS = {"motor_inertia": "kg m^2", "stiffness": "N m/rad"}
 
 _Intervals = tuple[tuple[float, float], ...]
@@ -46,17 +46,17 @@ class Ranges:
         return found
 
     def corners(self, arm: Any) -> dict[str, Any]:
-        """Return the arms at the ends, with all joints at their lower or all at their upper ones, by words.
+        """Return the arms at the ends of the ranges, all joints at the lower or all at the upper end, by description.
 
-        Where a rotor's inertia changes, the link's changes by the opposite, see `with_drives` of both kinds of arm. The
-        mapping is empty if no range is given.
+        If a rotor's inertia changes, the link's inertia changes by the opposite amount, see `with_drives` of both kinds
+        of arm. The mapping is empty if no range is given.
 
         Args:
             arm: `ArmParameters` or `Robot`.
 
         Raises:
-            ValueError: the ranges do not belong to the joints of this arm, do not contain its values, or leave a link
-                less than no inertia.
+            ValueError: the ranges do not fit the joints of this arm, do not contain its values, or leave a link no
+                positive inertia.
         """
         given = {name: getattr(self, name) for name in _UNITS if getattr(self, name)}
         for name, ranges in given.items():
@@ -79,7 +79,7 @@ class Ranges:
         return found
 
     def to_toml(self) -> str:
-        """Return the table as TOML, to stand behind that of the arm; empty if no range is given."""
+        """Return the table as TOML, to be appended to the arm's TOML; empty if no range is given."""
         lines = [
             f"{name} = {[list(pair) for pair in getattr(self, name)]}  # lowest and highest of each joint, {unit}"
             for name, unit in _UNITS.items()

@@ -35,11 +35,11 @@ class PerJoint(NamedTuple):
     joint2: Any
 
 
-JOINTS = len(PerJoint._fields)  # how many joints the paper's arm has
+JOINTS = len(PerJoint._fields)  # number of joints of the paper's arm
 
 
 class Point(NamedTuple):
-    """A vector in the plane of the two-joint arm, x down and y to the right; `point` returns the one in space."""
+    """A vector in the plane of the two-joint arm, x down and y to the right; `point` returns the record for space."""
 
     x: Any
     y: Any
@@ -69,7 +69,7 @@ def per_joint(joints: int) -> Any:
 
 @functools.cache
 def point(axes: int) -> Any:
-    """Return the record of a vector with 2 or 3 axes, x, y and z; always the same class, for two `Point`."""
+    """Return the record of a vector with 2 or 3 axes, x, y and z; always the same class, `Point` for two axes."""
     return Point if axes == len(Point._fields) else record_type("Point", **dict.fromkeys("xyz"[:axes], Any))
 
 
@@ -103,7 +103,7 @@ def columns(record: type) -> Any:
 
 
 def filled(record: Any, numbers: Iterable[Any]) -> Any:
-    """Return a record with these numbers in its order; with rows of an array, a record of arrays."""
+    """Return a record filled with these numbers in order; rows of an array give a record of arrays."""
     return like(places(record), iter(numbers))
 
 
@@ -127,28 +127,28 @@ VARIED = {
     "viscous_friction": "viscous_friction",
     **dict.fromkeys(DRY_TORQUES, "dry_friction"),
 }
-"""By quantity of a plant, the factor of a draw that multiplies it."""
+"""For each varied quantity of a plant, the factor of a draw that multiplies the quantity."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Physics:
-    """The equations of motion of arms of one structure, and the records they are written with.
+    """The equations of motion of arms of one structure, and the records used in these equations.
 
-    All functions are elementwise, see `elementwise`: the same lines take numbers, arrays and tensors of lanes, and are
+    All functions are elementwise, see `elementwise`: the same code accepts numbers, arrays and tensors of lanes, and is
     compiled into kernels. Forces on the tip are a `Point` [N], torques a `PerJoint` [N m], angles a `PerJoint` [rad].
     """
 
-    joints: int  # their number n
+    joints: int  # number n of joints
     axes: int  # of the tip's space, 2 or 3
-    digest: str  # text that tells compiled functions of these equations from those of others
-    # a function and its arguments that return this very object: copies and pickles hold these
+    digest: str  # text that distinguishes the compiled functions of these equations from others
+    # a function and its arguments; the call returns this object, and copies and pickles contain only these two
     made_by: tuple[Callable[..., Physics], tuple[Any, ...]]
-    Plant: Any  # record of what domain randomisation multiplies, and of limits; the parameters of an arm
+    Plant: Any  # record of the parameters of an arm: what domain randomisation multiplies, and limits
     Arm: Any  # record of the constants that the equations use
     Limits: Any  # record of the limits of angles [rad], velocities [rad/s] and torques [N m]
     plant_of: Callable[..., Any]  # returns the `Plant` (floats) of an arm's parameters
     step: Callable[..., Any]  # ``step(state, torque, force, arm, h)``, the `State` a sub-step h [s] later
-    # ``loaded_step(state, torque, load, arm, h)``, the same with torques on the links for the tip force
+    # ``loaded_step(state, torque, load, arm, h)``, the same with torques on the links instead of the tip force
     loaded_step: Callable[..., Any]
     tip: Callable[..., Any]  # ``tip(angles, arm)``, the `Point` of the tip [m]
     tip_velocity: Callable[..., Any]  # ``tip_velocity(angles, rates, arm)``, the `Point` of its velocity [m/s]
@@ -158,9 +158,9 @@ class Physics:
     # ``inverse_dynamics(angles, rates, accelerations, arm)``, M(q) q̈ + C(q, q̇) q̇ + g(q)
     inverse_dynamics: Callable[..., Any]
     mass_matrix: Callable[..., Any]  # ``mass_matrix(angles, arm)``, M(q) [kg m²], a tuple of rows
-    # returns where a payload is on an arm with given parameters, as one number for `constants`
+    # returns the place of a payload on an arm with given parameters, as one number for `constants`
     payload_place: Callable[..., float]
-    # ``constants(plant, payload, place, tip_payload)``, those of the plant with a point mass [kg] at a place
+    # ``constants(plant, payload, place, tip_payload)``, the `Arm` of the plant with a point mass [kg] at a place
     # and another one at the tip
     constants: Callable[..., Any]
     stiffness: Callable[..., Any]  # ``stiffness(plant)``, of the joints [N m/rad]

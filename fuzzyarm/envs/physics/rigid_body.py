@@ -12,7 +12,7 @@ the point of the body that is at the base's origin. A force is the pair (n, f): 
     M_ij = s_iᵀ (Σ_{k>=max(i,j)} I_k) s_j                    composite rigid bodies
 
 All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. They are written for
-readability; `serial` has the same equations for every kind of number.
+readability; `_serial` has the same equations for every kind of number.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def frames(robot: Robot, q: Any) -> Frames:
 
 
 def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
-    """Return M(q) [kg m²], shape (..., n, n); the rotors are not part of it."""
+    """Return M(q) [kg m²], shape (..., n, n), without the rotors."""
     links = frames(robot, q)
     axes, inertia = _axes(links), _inertias(robot, links)
     composite = np.flip(np.cumsum(np.flip(inertia, axis=-3), axis=-3), axis=-3)
@@ -92,7 +92,7 @@ def tip_jacobian(robot: Robot, q: Any) -> np.ndarray:
 
 
 def _motion(robot: Robot, values: Any) -> np.ndarray:
-    """Return angles, velocities or accelerations as an array whose last axis has the joints."""
+    """Return angles, velocities or accelerations as an array with the joints along the last axis."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != len(robot):
         raise ValueError(

@@ -31,7 +31,7 @@ from fuzzyarm.envs.physics.ranges import Ranges
 __all__ = ["MOST_JOINTS", "Robot", "robot_named", "shipped_robots"]
 
 MOST_JOINTS = 12  # most joints of a robot: the machine code of its equations grows with the square of their number
-_POINT_LIKE = 1e-12  # kg m², stands for the inertia 0 that `ArmParameters` allows
+_POINT_LIKE = 1e-12  # kg m², used in place of the inertia 0, which `ArmParameters` allows
 
 _SHIPPED = Path(__file__).parent / "robots"
 
@@ -59,7 +59,7 @@ class Robot:
         tip: position of the tip [m], shape (3,), in the frame of the last link.
         gravity: acceleration of free fall [m/s²], shape (3,), in the base frame.
         sources: where the numbers come from.
-        assumptions: which numbers are assumed, and why so.
+        assumptions: which numbers are assumed, and why.
 
     Examples:
         >>> len(robot_named("ur5").joints)
@@ -129,8 +129,8 @@ class Robot:
     ) -> Robot:
         """Return the robot with other rotors [kg m²] and springs [N m/rad].
 
-        What a rotor loses, d, its link gains about the axis, d u uᵀ. The link before, which carries the rotor, loses as
-        much, d (A u)(A u)ᵀ: the diagonal of the mass matrix of the rigid robot stays.
+        If a rotor loses the inertia d, its link gains d u uᵀ, and the link before, which carries the rotor, loses
+        d (A u)(A u)ᵀ, so that the diagonal of the mass matrix of the rigid robot does not change.
         """
         joints, before = list(self.joints), np.zeros((DIMENSIONS, DIMENSIONS))
         for k in reversed(range(len(joints))):
@@ -207,7 +207,7 @@ def _fields(content: dict[str, Any]) -> list[str]:
 def _value(value: Any) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_value, value))}]"
-    # A JSON text is a TOML text, but for DEL, which JSON leaves as it is.
+    # A JSON string is a TOML string, except that JSON does not escape DEL.
     return json.dumps(value).replace("\x7f", "\\u007f") if isinstance(value, str) else repr(value)
 
 
@@ -227,7 +227,7 @@ def _read_once(name: str) -> Robot:
 
 
 def _with_joint_name(message: str, content: dict[str, Any]) -> str:
-    """Return a message with the joint's name added to its place in the file, ``joints[2]``."""
+    """Return a message with the joint's name added if it names the joint by its place in the file, ``joints[2]``."""
     found = re.search(r"joints\[(\d+)\]", message)
     joints = content.get("joints")
     if not (found and isinstance(joints, list) and int(found[1]) < len(joints)):

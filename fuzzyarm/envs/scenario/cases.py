@@ -4,7 +4,7 @@ The loads of the paper's cases are for its arm. `case_for` scales them for any o
 use the same largest share of a motor's torque limit along the arm's default reference as on the paper's arm along its
 circle, to two digits; the force lasts as long as that reference. Where gravity has no leverage on the motors, as on a
 horizontal arm, the payload is the paper's share of the mass of the links. An arm with the paper's lengths and torque
-limits has the paper's loads. `with_loads` sets others.
+limits has the paper's loads. `with_loads` sets other loads.
 
 A `Scenario` is the reference of one episode and the disturbance that acts on the arm.
 """
@@ -35,8 +35,8 @@ __all__ = ["CASES", "PAPER_CASES", "Case", "Scenario", "add_case", "case_for", "
 class Scenario(NamedTuple):
     """A disturbance and the reference to be tracked under it."""
 
-    disturbance: Disturbance  # what acts beside the controller
-    # the motion asked for; None: each episode draws one from the domain randomisation's references
+    disturbance: Disturbance  # what acts on the arm in addition to the controller
+    # the motion to be tracked; None: each episode draws one from the domain randomisation's references
     reference: Reference | None
 
 
@@ -64,8 +64,8 @@ class Case:
 
 
 INSTANTS = 501  # of a reference, at which the torques of a load are compared
-_WEIGHTLESS = 1e-2  # share of the leverage of any force below which that of gravity counts as 0
-_SAME = 1e-6  # by which a factor of loads may miss 1
+_WEIGHTLESS = 1e-2  # share of the leverage of any force below which the leverage of gravity counts as 0
+_SAME = 1e-6  # deviation of a factor of loads from 1 that counts as rounding
 
 _PAPER = (
     Case("nominal", "Case 1: nominal", Disturbance()),
@@ -108,7 +108,7 @@ def case_for(name: str, arm: AnyArm) -> Case:
 def with_loads(
     case: Case, *, force: tuple[float, float] | None = None, payload: float | None = None, duration: float | None = None
 ) -> Case:
-    """Return a case with these loads in place of its own, and none that it lacks; its title states the mass.
+    """Return a case with these loads in place of its own; loads that it lacks are ignored, and its title has the mass.
 
     Args:
         case: any case.

@@ -1,12 +1,13 @@
 """The motion of a robot along a named path, by default the circle.
 
-The two-joint arm, also as a `Robot`, uses the paths of `PAPER_PATHS` if it can follow them; the circle is the paper's,
-in 1.5 s, whatever the motors. Any other arm draws the path of that name in its home posture: in the plane of a planar
-robot; otherwise upright and facing the base, across the horizontal direction from the base to the tip. The circle and
-the square begin and end there, at their lowest point; the lemniscate and the line have their middle there. Half of the
-width is the largest of `_SIZES` that the robot can follow with the orientation of its last link kept. The duration is
-the shortest multiple of 0.1 s from 1.5 s on for which every joint turns at no more than half of its velocity limit, and
-every motor, on the rigid robot, needs no more than half of its torque limit.
+The two-joint arm, also as a `Robot`, uses the paths of `PAPER_PATHS` if it can follow them; its circle is the paper's
+and takes 1.5 s, whatever the motors. Any other arm follows the path of that name at the tip of its home posture: a
+planar robot in its plane; another robot in an upright plane that faces the base, across the horizontal direction from
+the base to the tip. The circle and the square begin and end at this tip, their lowest point; the lemniscate and the
+line have their middle there. Half of the path's width is the largest of `_SIZES` that the robot can follow while its
+last link keeps its orientation. The duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint
+turns at no more than half of its velocity limit, and every motor, on the rigid robot, needs no more than half of its
+torque limit.
 
 There are also families of references for domain randomisation, from which each episode draws one.
 """
@@ -61,12 +62,12 @@ def _in_plane(arm: ArmParameters, name: str) -> JointReference:
 
 
 def is_placed(reference: Reference) -> bool:
-    """Return whether a motion is placed and timed for one two-joint arm alone, so that other arms cannot share it."""
+    """Return whether a motion was placed and timed for one two-joint arm, so that no other arm can share it."""
     return isinstance(reference, JointReference) and isinstance(reference.path, Placed)
 
 
 def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
-    """Return a reference of the two-joint arm, given in space, as one in the plane of the arm."""
+    """Convert a reference of the two-joint arm in space into a reference in the plane of the arm."""
     placed = reference.path
     assert isinstance(placed, Placed)
     parts = (tuple(getattr(placed, name)[:2]) for name in ("origin", "first", "second"))
@@ -131,18 +132,18 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def timed(slow: TipReference) -> TipReference:
-    """Return a reference, given with the duration `LONGEST`, with the duration of the module's rule."""
+    """Return a reference of duration `LONGEST` with the duration of the module's rule instead."""
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 
 def _torques(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the torques (..., n) [N m] that hold the rigid robot, and the additional ones for the motion."""
+    """Return the torques (..., n) [N m] that hold the rigid robot, and the additional torques for the motion."""
     weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
     return weight, inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
 
 
 def _shortest(slow: Reference, robot: Robot) -> float:
-    """Return the duration of the rule [s] for the motion of a reference of the duration `LONGEST`."""
+    """Return the duration [s] of the module's rule for a reference of duration `LONGEST`."""
     torque_limit = robot.drive("torque_limit")
     q, dq, ddq = slow.sample(np.linspace(0.0, slow.duration, CHECKED_INSTANTS))
     weight, moving = _torques(robot, q, dq, ddq)
@@ -168,18 +169,18 @@ def _shortest(slow: Reference, robot: Robot) -> float:
 
 _FAMILY = 32  # references
 _FAMILY_SEED = 2022
-_TURN = 0.6  # rad, by which the postures of a robot's references differ from its home at most
-_INSIDE = 0.95  # share of a joint's range, about its middle, that the postures keep to
+_TURN = 0.6  # rad, largest difference of the postures of a robot's references from home
+_INSIDE = 0.95  # share of a joint's range, about its middle, that contains the postures
 _SPEED = (0.1, 0.5)  # share of the velocity limits that the fastest joint of a reference reaches
 _TORQUE = 0.6  # share of the torque limits that the rigid robot may need
-_SLOWER = 1.25  # factor on the duration of a reference that needs more
+_SLOWER = 1.25  # factor on the duration of a reference that needs more torque
 
 
 def reference_family(arm: AnyArm, count: int = _FAMILY, seed: int = _FAMILY_SEED) -> tuple[Reference, ...]:
     """Return `count` references, determined by the arm and the seed.
 
     They are circles, lemniscates and lines of the tip for the two-joint arm; for a robot, splines of the joint angles
-    that begin and end at home and pass two postures within 0.6 rad of it, at a tenth to a half of the velocity limits.
+    that begin and end at home and pass two postures within 0.6 rad of home, at 0.1 to 0.5 of the velocity limits.
 
     Raises:
         ValueError: the motors of the robot are too weak for every reference.
@@ -202,7 +203,7 @@ def _splines(robot: Robot, count: int, seed: int) -> tuple[Reference, ...]:
 
 
 def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
-    """Return the reference through postures (k, n) [rad] at a share of the velocity limits, slower for the motors."""
+    """Return the reference through postures (k, n) [rad] at a share of the velocity limits, or slower if needed."""
     slow = SplineReference(tuple(map(tuple, postures.tolist())), LONGEST, robot)
     q, dq, ddq = slow.sample(np.linspace(0.0, LONGEST, 501))
     weight, moving = _torques(robot, q, dq, ddq)
@@ -223,8 +224,8 @@ def _tip_paths(parameters: ArmParameters, count: int, seed: int) -> tuple[JointR
     """Return references of the two-joint arm along curves of the tip.
 
     Six of eight are circles, one a lemniscate and one a line. Rejection sampling draws a size of 5-20 % of the reach,
-    any center that keeps the curve within 30-92 % of it, any start angle and direction, and a peak tip speed of 0.4-2.2
-    reaches a second (a lemniscate passes its crossing up to 1.46 times faster).
+    any center that keeps the curve at 30-92 % of the reach, any start angle and direction, and a peak tip speed of
+    0.4-2.2 reaches per second (a lemniscate passes its crossing up to 1.46 times faster).
     """
     generator = np.random.default_rng(seed)
     reach = sum(parameters.length)

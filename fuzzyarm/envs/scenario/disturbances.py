@@ -85,7 +85,7 @@ class ConstantForce:
 
 @dataclasses.dataclass(frozen=True)
 class TorqueBias:
-    """A torque [N m] added to what the motors apply from `start` to `stop` [s], one number for each joint.
+    """A torque [N m] added to the motor torques from `start` to `stop` [s], one number for each joint.
 
     The controller does not observe it.
     """
@@ -145,7 +145,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers whose count is one of `sizes`; the error message asks for two."""
+    """Return real numbers whose count is one of `sizes`; the error message requires two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 

@@ -32,7 +32,7 @@ __all__ = ["CHECKED_INSTANTS", "ElasticReference"]
 CHECKED_INSTANTS = 501  # evenly spaced instants at which a new reference is checked against the box
 _PANELS = np.linspace(0.0, 36.0, 19)  # end of the integral over x; e⁻³⁶ is at the level of rounding errors
 _NODES = 10  # of each panel, and of the Gauss-Laguerre quadrature of a smooth torque
-_SMOOTH = 1e-3  # time constants up to this share of the duration see a smooth torque between its corners
+_SMOOTH = 1e-3  # share of the duration; up to this time constant, the torque counts as smooth between corners
 _STENCIL, _REACH = 9, 2e-3  # Chebyshev points within ± this share of the duration, for τ̇_d and τ̈_d
 
 
@@ -40,7 +40,7 @@ _STENCIL, _REACH = 9, 2e-3  # Chebyshev points within ± this share of the durat
 class ElasticReference:
     """θ_d(t), θ̇_d(t), θ̈_d(t) of the motors for a reference of the links; see the module.
 
-    As for the reference itself, a value depends only on its t; before t = 0 and long after T the arm rests.
+    As for the links' reference, a value depends only on its t; before t = 0 and long after T the arm rests.
 
     Raises:
         ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold, or the ranges of a robot's joints.
@@ -72,7 +72,7 @@ class ElasticReference:
 
     @property
     def box_use(self) -> float:
-        """Largest share of the box (25) that θ_d and θ̇_d use; 1 is at its border."""
+        """Largest share of the box (25) that θ_d and θ̇_d use; 1 is the border of the box."""
         motion = self.sample(np.linspace(0.0, self.duration, CHECKED_INSTANTS))
         return float(np.max([_box_share(*one) for one in zip(motion[:2], *np.swapaxes(self._box, 0, 1), strict=True)]))
 
@@ -98,7 +98,7 @@ class ElasticReference:
         stiffness, damping = self._robot.drive("stiffness"), self._robot.drive("damping")
         delta, velocity, acceleration = torque / stiffness, rate / stiffness, curvature / stiffness
         time_constants = damping / stiffness
-        for time_constant in np.unique(time_constants[damping > 0.0]):  # joints that share one are relaxed together
+        for time_constant in np.unique(time_constants[damping > 0.0]):  # joints with equal ones are computed together
             relaxed = self._relaxed(flat, time_constant)
             for joint in np.flatnonzero(time_constants == time_constant):
                 k, b = stiffness[joint], damping[joint]
@@ -155,7 +155,7 @@ class ElasticReference:
 
     @cached_property
     def _robot(self) -> Robot:
-        """The robot, or the two-joint arm as one."""
+        """The robot, or the two-joint arm as a robot."""
         if isinstance(self.reference, JointReference):
             return robot_of(self.reference.parameters)
         return instance("reference.robot", getattr(self.reference, "robot", None), Robot)

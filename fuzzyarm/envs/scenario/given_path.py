@@ -24,7 +24,7 @@ from fuzzyarm.envs.scenario.robot_reference import TipReference
 
 __all__ = ["ENDINGS", "GivenPath"]
 
-ENDINGS = (".csv", ".toml")  # endings of the names of files with points
+ENDINGS = (".csv", ".toml")  # suffixes of files with points
 _PLANE = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # of the two-joint arm: origin and axes
 _HEADINGS = ("x,y", "x,y,z")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -39,7 +39,7 @@ class GivenPath:
         points: (x, y) [m] of the two-joint arm, x down and y to the right, or (x, y, z) [m] in the base frame of a
             robot.
         closed: whether the path returns to the first point.
-        duration: of the motion [s]; None: that of the rule in `default_reference`.
+        duration: of the motion [s]; None: the duration by the rule in `default_reference`.
     """
 
     points: tuple[tuple[float, ...], ...]
@@ -53,10 +53,10 @@ class GivenPath:
 
     @classmethod
     def read(cls, path: Path) -> GivenPath:
-        """Read a file.
+        """Read a CSV or TOML file.
 
         A CSV file has one point per line, with or without the heading ``x,y`` or ``x,y,z``; if the last point equals
-        the first, the path is closed. A TOML file has ``points = [[x, y], ...]`` and, if wanted, ``closed`` and
+        the first, the path is closed. A TOML file has ``points = [[x, y], ...]`` and optionally ``closed`` and
         ``duration``.
 
         Raises:

@@ -8,17 +8,18 @@ The posture that puts the tip on a point p solves one square system of equations
 
     f(q, p) = (P (x(q) - p), O log(R(q) R_0ᵀ), Nᵀ (q - q_0)) = 0,        A = ∂f/∂q = (P J_v, O J_ω, Nᵀ)
 
-x and R are position of the tip and rotation of the last link. P projects on what the tip can do (a plane for a planar
-robot, else space), O on the directions about which the last link can turn (one for a planar robot, else three).
+x and R are position of the tip and rotation of the last link. P projects on the directions in which the tip can move (a
+plane for a planar robot, else space), O on the axes about which the last link can turn (one for a planar robot, else
+three).
 
 - Orientation: if there are enough joints, the last link keeps its initial rotation R_0; otherwise, or if it may turn
   freely, O has no rows.
-- Redundancy: the columns of N span the motions that change neither at the start posture q_0. Those stay zero, so that a
-  closed path brings all joints back.
-- Branch: q follows the solution continuously from q_0; on its way A stays away from singular matrices.
+- Redundancy: the columns of N span the joint motions that change neither of the first two parts of f at the first
+  posture q_0. These motions stay zero, so that a closed path brings all joints back.
+- Branch: q follows the solution continuously from q_0; along the way, A must stay away from singular matrices.
 
 The default first posture is dexterous (Yoshikawa, 1985, with lengths in reaches), needs little torque, and is far from
-its limits:
+the joint limits:
 
     home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²),   half ranges at most π
 
@@ -54,7 +55,7 @@ def jacobian(now: Frames) -> np.ndarray:
 def _drift(now: Frames, dq: np.ndarray) -> np.ndarray:
     """Return J̇ q̇ (..., 6), [m/s²] and [rad/s²], at joint velocities dq (..., n) [rad/s]."""
     zero = np.zeros_like(now.tip)
-    turning, angular, linear = zero, zero, zero  # ω, ω̇ and the acceleration of the place reached so far
+    turning, angular, linear = zero, zero, zero  # ω, ω̇ and the acceleration of the point reached so far
     places = [*np.moveaxis(now.origin, -2, 0), now.tip]
     for number, axis in enumerate(np.moveaxis(now.axes, -2, 0)):
         swing = axis * dq[..., number, np.newaxis]
@@ -101,13 +102,13 @@ def velocity_limits(robot: Robot) -> np.ndarray:
     return np.array([joint.velocity_limit for joint in robot.joints])
 
 
-_SPAN_POSTURES, _SPAN_SEED = 8, 2022  # postures at which it is seen what the tip can do
+_SPAN_POSTURES, _SPAN_SEED = 8, 2022  # postures from which the possible motions of the tip are found
 _NEGLIGIBLE = 1e-9  # share of the largest singular value that counts as zero
-_NEAR = 1e-4  # [m, rad], what least squares may miss where Newton's steps go on
+_NEAR = 1e-4  # [m, rad], residual of least squares up to which Newton's steps follow
 
 
 class _Freedom(NamedTuple):
-    """What the last link of a robot can do: orthonormal directions of motion of the tip, and of turning."""
+    """Possible motions of a robot's last link: orthonormal directions of motion of the tip, and axes of turning."""
 
     motion: np.ndarray  # P (2 or 3, 3)
     turning: np.ndarray  # (1 or 3, 3)
@@ -123,11 +124,11 @@ def freedom(robot: Robot) -> _Freedom:
 
 
 class TipTask:
-    """The system f(q, p) = 0 of the module, for a robot and a start q_0 (n,) [rad].
+    """The system f(q, p) = 0 of the module, for a robot and a first posture q_0 (n,) [rad].
 
     Attributes:
-        motion: P (2 or 3, 3); `turning`: O (0, 1 or 3, 3), without rows where the orientation is free.
-        rotation: R_0 (3, 3), of the last link at the start; `frozen`: Nᵀ (n - rows of P and O, n).
+        motion: P (2 or 3, 3); `turning`: O (0, 1 or 3, 3), without rows if the orientation is free.
+        rotation: R_0 (3, 3), rotation of the last link at q_0; `frozen`: Nᵀ (n - rows of P and O, n).
     """
 
     def __init__(self, robot: Robot, start: np.ndarray, keeps_orientation: bool) -> None:
@@ -155,7 +156,7 @@ class TipTask:
         return q
 
     def moved(self, linear: np.ndarray) -> np.ndarray:
-        """Return the right-hand side (..., n) of A q̇ for tip velocities (..., 3) [m/s], the rest zero."""
+        """Return A q̇ = (P v, 0, 0) (..., n) for tip velocities v (..., 3) [m/s]."""
         wanted = linear @ self.motion.T
         rest = len(self.start) - wanted.shape[-1]
         return np.concatenate([wanted, np.zeros((*wanted.shape[:-1], rest))], axis=-1)
@@ -181,10 +182,10 @@ class TipTask:
 def start_posture(
     robot: Robot, near: np.ndarray, point: np.ndarray, keeps_orientation: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a posture (n,) [rad] within the joints' ranges and its residual (m,) [m, rad], zero for a valid start.
+    """Return a first posture (n,) [rad] within the joints' ranges, and its residual (m,) [m, rad], zero if it is valid.
 
     It is found by bounded least squares from `near` (n,), with the tip at `point` (3,) [m]; if the orientation is kept,
-    the last link has its rotation at `near`.
+    the last link keeps its rotation at `near`.
     """
     from scipy.optimize import least_squares  # SciPy is only needed here
 
@@ -219,7 +220,7 @@ def _span(columns: np.ndarray) -> np.ndarray:
     """Return orthonormal rows (d, 3) that span all columns of matrices (k, 3, n)."""
     left, sizes, _ = np.linalg.svd(np.concatenate(list(columns), axis=-1))
     kept = left.T[: int(np.sum(sizes > _NEGLIGIBLE * sizes[0]))]
-    # The axes themselves where they span the same, so that planar robots compute with zeros and ones.
+    # Coordinate axes, if they span the same space, so that planar robots compute with zeros and ones.
     axes = np.eye(3)[np.abs(kept.T @ kept @ np.eye(3) - np.eye(3)).max(axis=0) < _NEGLIGIBLE]
     return axes if len(axes) == len(kept) else kept
 

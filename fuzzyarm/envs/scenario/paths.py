@@ -4,12 +4,12 @@ Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers li
 the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
 frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
-Circle, lemniscate, line and square have a name, on the paper's arm and in a plane of any other. A square has round
-corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
+Circle, lemniscate, line and square can be chosen by name, for the paper's arm and in a plane for any other arm. A
+square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
 
 Each class raises TypeError for a value that is not a real number, or a path without a method ``points``; and ValueError
-for one that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors at a
-right angle.
+for a number that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors
+at a right angle.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 _MINIMUM_SPACING = 1e-6
 
 MOST_WAYPOINTS = 10_000
-_FEWEST_TURNS = 1e-6  # of a circle, below which it has no direction
+_FEWEST_TURNS = 1e-6  # fewest turns of a circle; with fewer it has no direction
 _LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
 
 
@@ -52,8 +52,8 @@ _LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
 class TipPath(Protocol):
     """Protocol of a path: any class with this method can be used.
 
-    A curve whose second derivative has corners may name them in an attribute `corners`, ascending values of s: code
-    that differentiates further (`elastic_reference`) is then also exact there.
+    A curve whose second derivative has corners may list them in an attribute `corners`, ascending values of s; code
+    that differentiates further (`elastic_reference`) is then exact at the corners, too.
     """
 
     def points(self, s: ArrayLike) -> _Points:
@@ -137,7 +137,7 @@ class Line:
 class Lemniscate:
     """Gerono's eight, p(s) = center + R(α) a (sin θ, sin θ cos θ), θ = 2π s: x⁴ = a² (x² - y²) along its axes.
 
-    It starts and ends in the crossing and is 2a long and a high.
+    It starts and ends at the crossing and is 2a long and a high.
 
     Attributes:
         center: the crossing (x, y) [m].
@@ -222,7 +222,7 @@ class Spline:
 
 
 def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
-    """Return the cubic spline over [0, 1] by chords through points (k, d), the last one the first if closed."""
+    """Return the cubic spline over [0, 1] by chords through points (k, d); if closed, the last must be the first."""
     from scipy.interpolate import CubicSpline  # SciPy is only needed here
 
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -231,7 +231,7 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
 
 
 def _numbers(s: ArrayLike) -> np.ndarray:
-    """Return s as floats, or as it is where it holds other numbers, such as balls."""
+    """Return s as floats, or unchanged if it contains other numbers, such as balls."""
     return s if isinstance(s, np.ndarray) and s.dtype == object else np.asarray(s, dtype=float)
 
 
@@ -254,7 +254,7 @@ def _require_apart(first_name: str, first: _AnyPoint, second_name: str, second: 
 class Square:
     """p(s) = center + r (cos ψ, sin ψ), ψ = π + 2π s, r = a (cos⁸ ψ + sin⁸ ψ)^(-1/8): a square with round corners.
 
-    It begins and ends in the middle of the side at smaller x.
+    It begins and ends at the middle of the side with the smaller x.
 
     Attributes:
         center: (x, y) [m].
@@ -289,7 +289,7 @@ PAPER_PATHS: dict[str, TipPath] = {
     "line": Line((0.35, 0.45), (0.35, 0.85)),
     "square": Square((0.35, 0.65), 0.15),
 }
-"""By name, the path of the paper's arm, and of any two-joint arm that can follow it."""
+"""Paths by name, for the paper's arm and for any two-joint arm that can follow them."""
 
 SHAPES: dict[str, Callable[[float], TipPath]] = {
     "circle": lambda size: Circle(center=(size, 0.0), radius=size, start_angle=math.pi, turns=1.0),
@@ -297,9 +297,9 @@ SHAPES: dict[str, Callable[[float], TipPath]] = {
     "line": lambda size: Line((0.0, -size), (0.0, size)),
     "square": lambda size: Square((size, 0.0), size),
 }
-"""By name, the path of a size [m], the half of its width, in a plane whose x points upwards, about or beside (0, 0)."""
+"""Paths by name, as functions of half the width [m], in a plane with x upwards, centered or beginning at (0, 0)."""
 
-_SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
+_SQUARE = 1e-6  # largest deviation of the axes from unit length and a right angle; it is then removed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -308,7 +308,7 @@ class Placed:
 
     Attributes:
         path: the plane curve: `Circle`, `Lemniscate`, or any other `TipPath` with points (..., 2).
-        origin: where (0, 0) of the plane lies, (x, y, z) [m]; (x, y) for a curve in the plane of the two-joint arm.
+        origin: position (x, y, z) [m] of the plane's (0, 0); (x, y) for a curve in the plane of the two-joint arm.
         first: e_1, direction of the plane's x, a unit vector.
         second: e_2, direction of the plane's y, a unit vector; the plane faces e_1 × e_2.
 
@@ -338,7 +338,7 @@ class Placed:
 
     @property
     def axes(self) -> np.ndarray:
-        """Rows e_1 and e_2, (2, 3) or (2, 2), of unit length and at a right angle to the last digit."""
+        """Rows e_1 and e_2, (2, 3) or (2, 2), orthonormal up to rounding."""
         first, second = np.array(self.first), np.array(self.second)
         first = first / np.linalg.norm(first)
         second = second - (second @ first) * first
@@ -351,7 +351,7 @@ class Placed:
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center (3,) or (2,) [m] and radius [m] where the plane curve is a `Circle`."""
+        """Center (3,) or (2,) [m] and radius [m] if the plane curve is a `Circle`, else None."""
         if not isinstance(self.path, Circle):
             return None
         return np.array(self.origin) + np.array(self.path.center) @ self.axes, self.path.radius

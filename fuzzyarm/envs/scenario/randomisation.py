@@ -1,7 +1,7 @@
-"""Domain randomisation: data that describe how plants, loads, starts and references of episodes vary.
+"""Domain randomisation: data that describe how plants, loads, initial states and references of episodes vary.
 
 Every quantity of an episode is drawn independently and uniformly from a range; a range of zero width
-leaves the nominal value, so the default randomisation varies nothing.
+keeps the nominal value, so the default randomisation varies nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 __all__ = ["ALLOWED", "DomainRandomisation", "Range", "by_quantity", "draw_record", "find_randomisation"]
 
 Range = tuple[float, float]  # low and high end of what is drawn
-_HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
+_HEAVIEST = 5.0 / 24.0  # largest payload of "robust" over the mass of the links; 5 kg for the paper's arm
 
 
 @functools.cache
@@ -30,9 +30,9 @@ def draw_record(joints: int) -> Any:
     """Return the record of what one episode draws; scalars, or arrays with one value per lane.
 
     There are factors, one per joint, of the link's mass and inertia, of the motor's inertia, of joint stiffness and
-    damping, of dry friction (static and Coulomb alike) and of viscous friction. Then follow the payload added to the
-    case's [kg], the factor of the case's tip force, the angles [rad] by which the start differs from the reference, and
-    the index of the reference in the family (0 without a family).
+    damping, of dry friction (the same for static and Coulomb friction) and of viscous friction. Then follow the payload
+    [kg] added to that of the case, the factor of the case's tip force, the angles [rad] by which the initial state
+    differs from the reference, and the index of the reference in the family (0 without a family).
     """
     factors = dict.fromkeys(
         ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction"), per_joint(joints)
@@ -57,10 +57,10 @@ class DomainRandomisation:
         dry_friction: factor of each motor's static and Coulomb friction, one draw for both.
         viscous_friction: factor of each motor's viscous friction.
         payload: mass at the tip [kg], added to the case's own payload.
-        force: factor of the case's tip force (without one there is nothing to scale).
+        force: factor of the case's tip force, if the case has one.
         angle: initial offset of each joint from the reference [rad].
-        references: family from which each episode draws one, in place of the environment's reference; all for the arm's
-        link lengths. Empty: no draw.
+        references: family from which each episode draws one, in place of the environment's reference; all must be for
+        the arm's link lengths. Empty: no draw.
 
     Raises:
         TypeError: a range is not of real numbers, or the references are not `Reference` objects.
@@ -113,7 +113,7 @@ ALLOWED: dict[str, tuple[float, float, str]] = {
 
 
 def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
-    """Return views, read-only, of draws (numbers of `draw_record`, lanes) by quantity: (lanes, joints) or (lanes,)."""
+    """Return read-only views of draws (numbers of `draw_record`, lanes) by quantity: (lanes, joints) or (lanes,)."""
     quantities = {}
     for name, place in places(draw_record(joints))._asdict().items():
         quantities[name] = drawn[slice(place[0], place[-1] + 1)].T if isinstance(place, tuple) else drawn[place]
@@ -150,7 +150,7 @@ _NAMED: dict[str, Callable[[AnyArm], DomainRandomisation]] = {
 
 
 def find_randomisation(randomisation: str | DomainRandomisation, arm: AnyArm) -> DomainRandomisation:
-    """Return the randomisation itself, or the named one for this arm; ValueError names the choices."""
+    """Return the given randomisation, or the named one for this arm; ValueError names the choices."""
     if isinstance(randomisation, DomainRandomisation):
         return randomisation
     if not isinstance(randomisation, str) or randomisation not in _NAMED:

@@ -2,8 +2,8 @@
 
     p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇),  s(t) as below
 
-References of other robots are in `robot_reference`. Section 6.1.3 of the paper; the values that it does not print
-(start angle, direction, elbow) were found from its peak torques, see `paths.Circle`.
+References of other robots are in `robot_reference`. The default motion is that of section 6.1.3 of the paper; values
+not printed there (start angle, direction, elbow) were found from the paper's peak torques, see `paths.Circle`.
 
 The time law leads every reference from rest to rest:
 
@@ -62,7 +62,7 @@ def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np
 
 
 def corner_times(corners: ArrayLike, duration: float) -> np.ndarray:
-    """Return the times (k,) [s] at which p̈ has a corner, ascending: the ends, and the curve's own, s (...,)."""
+    """Return the times (k,) [s] at which p̈ has a corner, ascending: the ends, and those of corners at s (...,)."""
     return np.unique([0.0, *time_at(corners, duration), duration])
 
 
@@ -99,7 +99,7 @@ class TipSample(NamedTuple):
 class Reference(abc.ABC):
     """A twice differentiable motion of the joints from rest to rest, and the motion of the tip.
 
-    Every value depends on its own t alone. Before t = 0 and after t = T the arm rests at the ends.
+    Every value depends only on its own t. Before t = 0 and after t = T the arm rests at the ends.
 
     Attributes:
         duration: T [s].
@@ -173,7 +173,7 @@ class PathReference(Reference):
 class JointReference(PathReference):
     """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
 
-    All derivatives are analytic, and every value depends on its own t alone. Before t = 0 and after t = T the arm
+    All derivatives are analytic, and every value depends only on its own t. Before t = 0 and after t = T the arm
     rests at the ends of the path.
 
     Attributes:
@@ -235,9 +235,9 @@ class JointReference(PathReference):
 def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: int) -> np.ndarray:
     """Return the joint angles [rad] that put the tip at `position` [m], both of shape (..., 2): the inverse of (26).
 
-    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), of the sign `elbow_sign`, and q1 is the
-    angle of p in the frame of the bent arm, in [-π, π]: within the limits it never meets the branch cut. They are nan
-    where r is outside [|L1 - L2|, L1 + L2].
+    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), with the sign `elbow_sign`; q1 is the angle
+    of p in the frame of the bent arm, in [-π, π], and within the joint limits never crosses the branch cut. Both angles
+    are nan where r is outside [|L1 - L2|, L1 + L2].
     """
     x, y = position[..., 0], position[..., 1]
     r, outer, inner = np.hypot(x, y), length[0] + length[1], abs(length[0] - length[1])
@@ -250,7 +250,7 @@ def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: 
 
 
 def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
-    """Raise unless a path gives three arrays of points of `size` numbers, as `TipPath` says."""
+    """Raise unless a path returns three arrays of points of `size` numbers, as `TipPath` requires."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
         raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: three NumPy arrays p, dp/ds, d²p/ds²")
@@ -287,10 +287,10 @@ def check_limits(
     motion: ReferenceSample,
     advice: str,
 ) -> None:
-    """Raise ValueError if an angle [rad] leaves its joint's range or a velocity [rad/s] passes its limit.
+    """Raise ValueError if an angle [rad] leaves its joint's range or a velocity [rad/s] exceeds its limit.
 
-    `limits` are lowest and highest angles and largest velocities, each (n,), the motion is (k, n) at times t (k,) [s],
-    the last one the duration. The message suggests a remedy, `advice` if an angle leaves its range.
+    `limits` are lowest and highest angles and largest velocities, each (n,). The motion is (k, n) at times t (k,) [s];
+    the last time is the duration. The message suggests a remedy: for an angle, `advice`.
     """
     (low, high, speed), duration = limits, float(t[-1])
     beyond = np.maximum(motion.q - high, low - motion.q)

@@ -5,8 +5,8 @@ Along a path of the tip, by inverse kinematics, with f and A of `kinematics`,
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
 The branch is followed once, in steps of s; then Newton's method corrects an interpolation to the last digit, so that
-every value depends only on its t. Along a spline c of the joint angles through given postures, twice continuously
-differentiable, from rest to rest,
+every value depends only on its t. Along a spline c of the joint angles through given postures, which is twice
+continuously differentiable and leads from rest to rest,
 
     q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
 """
@@ -76,17 +76,17 @@ def _check_limits(robot: Robot, t: np.ndarray, motion: ReferenceSample, advice: 
     check_limits([joint.name for joint in robot.joints], (low, high, velocity_limits(robot)), t, motion, advice)
 
 
-_STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
-_NODES = np.linspace(0.0, 1.0, 321)  # of s, between which the posture is interpolated before it is corrected
+_STEPS = np.linspace(0.0, 1.0, 81)  # values of s; the branch is followed from each to the next
+_NODES = np.linspace(0.0, 1.0, 321)  # values of s between which the posture is interpolated and then corrected
 _ROUNDS = 2  # of Newton's method between nodes
 _TRIES = 8  # rounds from one step to the next, before the path counts as lost
-EXACT = 1e-10  # m or rad that an inverse may miss
+EXACT = 1e-10  # m or rad, largest error of an inverse
 _LONGEST_STEP = 0.5  # rad that a joint may move in a step
 
 _SHARPEST = 0.01
-"""Smallest singular value that A may have along a path, lengths in reaches of the robot; it is 0 where A is singular.
+"""Smallest singular value allowed for A along a path, with lengths in reaches; for a singular A the value is 0.
 
-For two equal links it is 0.04 to 0.08 of sin q2, for a wrist of three axes about 0.7 of the angle of its middle joint.
+For two equal links the value is 0.04 to 0.08 sin q2, for a wrist of three axes about 0.7 times the middle angle.
 """
 
 
@@ -98,15 +98,15 @@ class TipReference(PathReference):
         path: tip curve with points (..., 3) [m] in the base frame: `Line` and `Spline` of triples, or `Placed`.
         duration: T [s], 1e-6 to 1e6.
         robot: the robot.
-        posture: joint angles [rad] near which the start is sought; they choose the branch, such as an elbow above or
-            below, and the rotation of the last link. None: `kinematics.home_posture`.
-        orientation: ``"constant"``, the last link keeps its rotation if the robot has joints enough for it (six in
-            space, three in a plane); or ``"free"``.
+        posture: joint angles [rad] near which the first posture is sought; they determine the branch, such as an elbow
+            above or below, and the rotation of the last link. None: `kinematics.home_posture`.
+        orientation: ``"constant"``, the last link keeps its rotation if the robot has enough joints (six in space,
+            three in a plane); or ``"free"``.
 
     Raises:
-        ValueError: a value is out of range; or the path cannot be followed: it starts out of reach, leaves it, comes
-            too close to a singular posture (`_SHARPEST`), or passes a limit of a joint or of its velocity. The message
-            says at which time and point, at which joint, by how much, and what to change.
+        ValueError: a value is out of range; or the path cannot be followed: it begins out of reach, leaves the reach,
+            comes too close to a singular posture (`_SHARPEST`), or exceeds an angle or velocity limit of a joint. The
+            message states at which time and point, at which joint, by how much, and what to change.
     """
 
     path: TipPath
@@ -151,7 +151,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _task(self) -> TipTask:
-        """The system to solve, whose start is on the path."""
+        """The system to solve; the tip of its first posture is on the path."""
         point = self.path.points(0.0)[0]
         near = np.array(self.posture)
         q, missed = start_posture(self.robot, near, point, self.keeps_orientation)
@@ -189,7 +189,7 @@ class TipReference(PathReference):
         return solved(self._task.matrix(frames(self.robot, q)), self._task.moved(tangent))
 
     def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Return the posture (n,) for the point (3,) of step k, from the one before (n,) and the step to it (n,)."""
+        """Return the posture (n,) for the point (3,) of step k, from the posture `before` and the step (n,)."""
         q = before + step
         for _ in range(_TRIES):
             with np.errstate(all="ignore"):
@@ -215,7 +215,7 @@ class TipReference(PathReference):
 
     @property
     def _or_free(self) -> str:
-        """The last advice of a message, where the orientation can be left free."""
+        """The last advice of a message, if the orientation can be left free."""
         return ", or leave the orientation free (orientation='free')" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
@@ -278,8 +278,8 @@ class SplineReference(Reference):
         robot: the robot.
 
     Raises:
-        ValueError: a value is out of range, neighbours coincide, or the motion passes the range of a joint or the limit
-            of its velocity; the message says when, at which joint, by how much, and what to change.
+        ValueError: a value is out of range, neighbours coincide, or the motion exceeds an angle or velocity limit of a
+            joint; the message states when, at which joint, by how much, and what to change.
     """
 
     waypoints: tuple[tuple[float, ...], ...]
