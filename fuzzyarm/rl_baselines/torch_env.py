@@ -66,9 +66,8 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         observation, info = envs.reset(seed=0)
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
 
-    A lane that ends begins its next episode within the same step: its observation is then the first one of the new
-    episode, while reward, flags and `info` belong to the ended one. Every entry of `info` is a tensor with a row per
-    lane:
+    A lane that ends begins its next episode within the same step: its observation is then the new episode's first one,
+    while reward, flags and `info` belong to the ended one. `info` consists of tensors with a row per lane:
 
     | key | what | unit |
     | --- | --- | --- |
@@ -89,8 +88,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     while motors slip, and also while they stick; the derivatives are then 0, since the velocity stays 0 under any small
     change. At a border (a motor at the torque that frees it, a torque at its limit, a tip on its target) no derivative
     exists, and the gradient is that of one side, the mean of both, or 0. A torque beyond its limit has gradient 0.
-    Gradients do not pass from one episode to another. The state carries the graph of all steps since `reset` or
-    `detach`.
+    Gradients do not cross episodes. The state carries the graph of all steps since `reset` or `detach`.
 
     Args:
         num_envs: number of lanes n.

@@ -146,7 +146,7 @@ def _family(arm: AnyArm) -> tuple[Reference, ...]:
 def _force(
     span: np.ndarray, axes: int, duration: float, scale: float, generator: np.random.Generator
 ) -> TipForce | None:
-    """Return a random force or None; it acts in the span of orthonormal rows (·, 3), cut to the first `axes` entries."""
+    """Return a random force or None; it acts in the span of orthonormal rows (·, 3), cut to `axes` entries."""
     kind = generator.random()
     if kind < 0.15:
         return None
@@ -212,7 +212,7 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
 
 
 def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal robot follows a reference under a load within `_BEARABLE` of its torque limits."""
+    """Return whether the rigid nominal robot follows a reference under a load within `_BEARABLE` of its limits."""
     time = np.linspace(0.0, reference.duration, _INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")

@@ -87,7 +87,7 @@ class Teacher:
 
     @functools.cached_property
     def _acting(self) -> Kernel:
-        """The kernel of the law on the true beliefs, with the ports memory, observation, truth, known force and torque."""
+        """The kernel of the law on true beliefs; its ports: memory, observation, truth, known force and torque."""
         physics, settings, joints = self._physics, self._settings, self._physics.joints
 
         def act_on_truth(
