@@ -404,7 +404,7 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
     def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
-        """Return the type of pointers to a port's numbers, and the LLVM function that moves the numbers of some arms."""
+        """Return the type of pointers to a port's numbers, and the LLVM function that moves numbers of some arms."""
         if self.layouts[port] is Layout.ROWS:
             return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
         return "ptr", f"masked.{of_columns}{self.suffix}.p0"

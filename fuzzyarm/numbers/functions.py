@@ -84,7 +84,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function() if the condition holds for any arm; arms where it fails get `otherwise`, a tree of equal size."""
+    """Return function() if the condition holds for any arm; other arms get `otherwise`, a tree of as many numbers."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
