@@ -143,7 +143,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, the law is not accurate in float, or
-            the folder holds another export of the same name.
+            the folder contains another export of the same name.
         OSError: a file cannot be written.
     """
     choice("number", number, ("double", "float"))

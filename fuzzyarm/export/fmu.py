@@ -109,7 +109,7 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
 
     Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
     torques [N m], and parameters their limits, which can be lowered. ValueError if the policy's source has something
-    that cannot be written in C, or the folder holds another FMU of this name; OSError if the file cannot be written.
+    that cannot be written in C, or the folder has another FMU of this name; OSError if the file cannot be written.
     """
     joints, name, box = range(1, policy.joints + 1), c_name(label), observation_space([policy.parameters])
     names = [(f"{part}{k}", unit) for part, unit in zip(Observation._fields, UNITS, strict=True) for k in joints]

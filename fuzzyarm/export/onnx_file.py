@@ -48,8 +48,8 @@ def export_onnx(label: str, policy: Policy, folder: str | Path) -> Path:
     of the step in C. The last n numbers of the memory are the last torques.
 
     Raises:
-        ValueError: the policy has no law, or one of too many operations, the package onnx is not installed, or the
-            folder holds another file of this name.
+        ValueError: the policy has no law or a law of too many operations, the package onnx is not installed, or the
+            folder contains another file of this name.
         OSError: the file cannot be written.
     """
     folder, _ = path_of("folder", folder), instance("policy", policy, Policy)  # type: ignore[type-abstract]

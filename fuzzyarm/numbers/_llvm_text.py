@@ -514,7 +514,7 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def whole_text(self) -> str:
-        """Return the text."""
+        """Return the text of the program."""
         p, width = self.program, self.width
         numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
         places, needed = [place for place in range(len(numbers)) if place not in p.cells], self._needed()

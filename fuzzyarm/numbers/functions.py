@@ -20,7 +20,7 @@ __all__ = [
     "minimum", "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
-KINDS: dict[type, Any] = {}  # by type of number, the class with its functions
+KINDS: dict[type, Any] = {}  # the class with the functions, by type of number
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -84,7 +84,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function() if the condition holds for any arm; other arms get `otherwise`, a tree of as many numbers."""
+    """Return function(), run if any arm needs it, where the condition holds, else `otherwise`, a tree of equal size."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)

@@ -83,7 +83,7 @@ class _Known:
         self._places = [_address(array) for array in (self.constants, *self.tables)]
 
     def fits(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> bool:
-        """Return whether these have the same shapes, strides and types."""
+        """Return whether arrays, constants and tables have the same shapes, strides and types as the known ones."""
         same = constants is self.constants and tables is self.tables
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
@@ -223,7 +223,7 @@ class _Code:
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
     """Return the machine code of a text, from the file under its digest if there is one."""
-    level = 1 if width > 1 else 2  # of LLVM's optimisation
+    level = 1 if width > 1 else 2  # LLVM's optimisation level
     _initialise()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     # A new machine each time, since an engine keeps it.

@@ -25,7 +25,7 @@ class Symbol:
     """A number, boolean or 64-bit word that a program computes.
 
     Attributes:
-        number: number of the symbol, from 1, in the order of recording.
+        number: counts the symbols from 1, in the order of recording.
         operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in the region `region`.
         kind: "real", "truth" or "word".
         uniform: whether the symbol has the same value for all arms.
