@@ -1,8 +1,8 @@
 """The C text of a recorded program: one statement per operation, in the order of the law's source; loops stay loops.
 
 Unused operations are left out. An operation that is used once, in the region where it is computed, is written in
-brackets at its use, which changes neither its operands nor its rounding. C functions in the source itself replace those
-of the math library and give the same bits.
+brackets at its use, which changes neither its operands nor its rounding. The source contains its own C functions, which
+replace those of the math library and give the same bits.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ __all__ = ["LARGEST", "LAW", "MODEL", "Recorded", "Unsupported", "program_of"]
 
 
 class Unsupported(ValueError):
-    """A law uses something that cannot be exported; the message says what, and where."""
+    """A part of a law that cannot be exported; the message says what it is, and where."""
 
 
-_LARGE = 16  # numbers of an array that lies in the state; a compiler keeps smaller ones in registers
-_LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
+_LARGE = 16  # numbers from which an array lies in the state; compilers keep smaller arrays in registers
+_LARGEST = 2**18  # numbers allowed in all tables of a program: 2 MiB in double precision
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
 """Names in C of the input and output arrays of a step: those of a law, and those of a co-simulation model."""
 
 LARGEST = 1e6
-"""Largest number of an observation that a law acts on: sine and cosine lose their digits beyond."""
+"""Largest magnitude in an observation for which a law acts; beyond it sine and cosine lose their digits."""
 
 
 class _Function(NamedTuple):
@@ -54,7 +54,7 @@ class _Function(NamedTuple):
 
 
 class _Program(Program):
-    """A program that keeps functions marked `apart` as functions, in `functions` in the order of their definition."""
+    """A program that keeps functions marked `apart` separate, in `functions`, in the order of their definition."""
 
     def __init__(self, functions: dict[Callable[..., Any], _Function], *given: Any) -> None:
         self.functions = functions
@@ -91,7 +91,7 @@ class _Program(Program):
 
 def _named(name: str, tree: Any) -> list[str]:
     if not isinstance(tree, tuple):
-        return [f"{name}_"]  # no word of C
+        return [f"{name}_"]  # no keyword of C
     parts = getattr(tree, "_fields", range(len(tree)))
     return [one for part, inner in zip(parts, tree, strict=True) for one in _named(f"{name}_{part}", inner)]
 
@@ -116,8 +116,8 @@ class Recorded(_Program):
         """Record a function of numbers; `Unsupported` if it does something that cannot be written in C.
 
         `given` has the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`.
-        `words`, `LAW` or `MODEL`, names the arrays; `source` names the function of the package that is recorded;
-        `contents` has the content of the tables.
+        `words`, `LAW` or `MODEL`, names the arrays; `source` names the recorded function of the package; `contents` has
+        the content of the tables.
         """
         (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
 
@@ -170,7 +170,7 @@ class Recorded(_Program):
         step = "\n".join([self._head(name, real), "{", *body, "}", ""])
         text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
         own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
-        return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
+        return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # a file may have several programs
 
     def header_text(self, name: str, about: Sequence[str], real: str) -> str:
         """Return the C header, which begins with the paragraphs `about`; other arguments as for `source_text`."""
@@ -250,7 +250,7 @@ def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
 
 _, *_SECTIONS = re.split(r"\n/\* @@ (\w+) \*/\n", Path(__file__).with_name("functions.c").read_text(encoding="utf-8"))
 _HELPERS = dict(zip(_SECTIONS[::2], _SECTIONS[1::2], strict=True))
-"""By operation, the C function that replaces the one of the math library; `floor` needs `rint`."""
+"""For each operation, the C function that replaces that of the math library; `floor` needs `rint`."""
 
 
 def _helper_text(operation: str, real: str) -> str:
@@ -282,7 +282,7 @@ def _zeroed(array: str, size: int, zero: str) -> str:
     return f"{head}\n{_INDENT * 2}state->{array}[k] = {zero};\n{_INDENT}}}"
 
 
-_LONGEST = 70  # characters of an operation that stands where it is used
+_LONGEST = 70  # most characters of an operation that is written at its use
 _INDENT, _WIDTH = "    ", 110
 _FORMS = {
     **{name: f"{{}} {name} {{}}" for name in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=")},
@@ -292,7 +292,7 @@ _LOOSE = {*_FORMS, "real"} - {"not"}  # operations whose text needs brackets as 
 
 
 def _literal_of(number: float, real: str) -> str:
-    """Return a number as text; one too small for "float" becomes the smallest normal one, as it guards a division."""
+    """Return a number as text; if too small for "float", the smallest normal number, since it guards a division."""
     if not math.isfinite(number):  # C99 has no literal for it
         top = _literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
         return f"({top} / {_literal_of(0.0, real)})"
@@ -307,10 +307,10 @@ class _Uses:
     """The symbols needed by the outputs of a program, and where they are used."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
-        """Search backwards from the outputs and from what is stored in the kept memory."""
-        # Of each symbol that is needed, where it is used; None where its text has to be a name.
+        """Search backwards from the outputs and from the stores to the memory that is kept between steps."""
+        # For each needed symbol, the regions where it is used; None where its text must be a name.
         self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
-        self.read = {"room"}  # the memories whose numbers are needed, and what is kept
+        self.read = {"room"}  # the memories from which numbers are needed, and the kept one
         self._from: dict[Symbol, list[tuple[Any, Region | None]]] = {}
         self._stored: dict[str, list[tuple[Any, Region]]] = defaultdict(list)
         self._conditions: dict[Region, Any] = {}
@@ -358,8 +358,8 @@ class _Uses:
 
 class _Writer:
     def __init__(self, of: Recorded, real: str) -> None:
-        """Begin to write; `real` is "double" or "float"."""
-        self.used, self.tables = set[Any](), set[int]()  # what was needed of `_HELPERS` and functions; tables looked up
+        """Set up the writer; `real` is "double" or "float"."""
+        self.used, self.tables = set[Any](), set[int]()  # used names of `_HELPERS` and functions; used tables
         self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
         self._called: dict[Any, list[str]] = {}
@@ -396,8 +396,8 @@ class _Writer:
     ) -> list[str]:
         """Return the lines of a function.
 
-        `inputs` has the name of each input and where it is read; empty: it has this name already. `outputs` are pairs
-        of a text with {} for a number, and the number.
+        `inputs` gives, for each input, its C name and the expression from which it is read, or "" if this variable
+        exists already. `outputs` are pairs of a statement, with {} as the placeholder for a number, and that number.
         """
         self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
         self._large = self._of.large if program is self._of else {}
@@ -441,7 +441,7 @@ class _Writer:
         return [f"{indent}const {self._kind(one)} {name} = {text};"]
 
     def _call(self, one: Symbol, indent: str) -> list[str]:
-        """Return the call of a function with several results, which is written once for all of them."""
+        """Return the call of a function with several results; the call is written once for all results."""
         function, number = one.detail
         texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
         key = (function.name, one.region, *texts)
@@ -464,7 +464,7 @@ class _Writer:
         return f"{letter}{self._names}"
 
     def _loop(self, loop: Loop, indent: str) -> list[str]:
-        """Return a loop whose carried numbers are variables, assigned once all their next values are computed."""
+        """Return a loop; its carried numbers are variables, assigned after all their next values are computed."""
         if isinstance(loop.count, Symbol):
             raise Unsupported(f"{self._of.source} has a loop whose number of iterations is known only at run time")
         parts = zip(loop.start, loop.inside, loop.end, loop.after, strict=True)
@@ -482,7 +482,7 @@ class _Writer:
             if end is inside:
                 continue
             text = self._text(end)
-            if end in own:  # which may have changed when it is assigned
+            if end in own:  # a variable that may be assigned before it is read here
                 inner.append(f"{within}const {self._real} {(copy := self._name('v'))} = {text};")
                 text = copy
             assigned.append(f"{within}{self._texts[inside]} = {_bare(text)};")
@@ -566,7 +566,7 @@ def _wrapped(texts: Iterable[str], indent: str, further: str) -> list[str]:
 
 
 def _bare(text: str) -> str:
-    """Return a text without the brackets that enclose all of it."""
+    """Return a text without the brackets that enclose the whole text."""
     depths = itertools.accumulate({"(": 1, ")": -1}.get(mark, 0) for mark in text[1:-1])
     return text[1:-1] if text.startswith("(") and text.endswith(")") and min(depths, default=0) >= 0 else text
 

@@ -1,4 +1,4 @@
-"""The plant as a program: a control period of an arm, by the same functions that the environment steps.
+"""The plant as a program: a control period of an arm, computed by the environment's own functions.
 
 The torques are clipped to the limits and held, the tip force is held, and the sub-steps are those of the environment.
 """
@@ -27,7 +27,7 @@ class Plant:
     """
 
     def __init__(self, arm: AnyArm, control_period: float = 1e-3) -> None:
-        """Take the equations and parameters of an arm; ValueError if the control period [s] is out of range."""
+        """Set up the equations and parameters of an arm; ValueError if the control period [s] is out of range."""
         physics = equations_of(arm)
         self.joints, self.axes, self.control_period = physics.joints, physics.axes, control_period
         self._substeps = whole_substeps(control_period, None, fastest_rate([arm]))
@@ -38,7 +38,7 @@ class Plant:
         self.memory_size = size(physics.State) + 1
 
     def step(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:
-        """Return the memory a control period later, and the position of the tip (axes,) [m].
+        """Return the memory after a control period, and the position of the tip (axes,) [m].
 
         `given` (n + axes,) are torques [N m], then the force [N].
         """
@@ -50,6 +50,6 @@ class Plant:
         return (now, payload), physics.tip(now.link, arm)
 
     def place(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:
-        """Return the memory as it is, and the position of the tip (axes,) [m] at link angles `given` (n,) [rad]."""
+        """Return the unchanged memory, and the position of the tip (axes,) [m] at link angles `given` (n,) [rad]."""
         arm = self._physics.constants(self._plant, 0.0, self._place, 0.0)
         return memory, self._physics.tip(self._physics.PerJoint(*given), arm)

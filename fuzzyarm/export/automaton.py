@@ -1,11 +1,12 @@
 """The elastic arm between two samples as a hybrid automaton for verification tools, in SpaceEx's format.
 
-With σ_j the direction of a motor, 0 where it sticks (Filippov), and u held for a period, a location (σ_1, σ_2) has
+With σ_j the direction of motor j, 0 where it sticks (Filippov), and u held for a period, location (σ_1, σ_2) has
 
     I θ̈ = u - Γ_t - f_v θ̇ - σ F(|θ̇|), or θ̇ = 0 in stick,    M(q) q̈ + C(q, q̇) q̇ + g(q) = Γ_t,
 
-and stick lasts while |u - Γ_t| <= F(0). At each sample the clock restarts, and u becomes the answer of the law, which
-is a file of its own. The package's functions of the plant run here on text: this is not another copy of them.
+and a motor sticks while |u - Γ_t| <= F(0). At each sample the clock is reset, and u becomes the output of the law, a
+separate file. The package's own functions of the plant write the equations, run on text: there is no second copy of
+them.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _FACTORS = {
     **{"mass": ("mass", "inertia"), "dry_friction": ("static_friction", "coulomb_friction")},
     **{name: (name,) for name in ("motor_inertia", "stiffness", "damping", "viscous_friction")},
 }
-"""By field of a set of plants, the parameters of the arm that it scales."""
+"""For each field of a set of plants, the parameters of the arm that the field scales."""
 
 
 class _Text:
@@ -69,12 +70,12 @@ for _name in ("sin", "cos", "exp"):
 
 
 def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path) -> list[Path]:
-    """Write the problem of a bound of the tip error as NAME.xml, NAME.cfg, NAME.csv and NAME.onnx; return the files.
+    """Write the problem of a bound on the tip error as NAME.xml, NAME.cfg, NAME.csv and NAME.onnx; return the files.
 
     The automaton has the states `th`, `q` [rad], `dth`, `dq` [rad/s] of motors and links, the clock `s` [s], the held
-    torques `u` [N m], the law's answer `law` at a sample, and the factors and the payload [kg] of the set as constants.
-    The configuration holds the box of starts and the ranges, the table the references of every sample. The law is
-    that of `export_onnx`.
+    torques `u` [N m], the law's output `law` at a sample, and as constants the factors and the payload [kg] of the set
+    of plants. NAME.cfg contains the box of initial states and the ranges of the constants, NAME.csv the reference at
+    every sample. NAME.onnx is the law as written by `export_onnx`.
 
     Raises:
         ValueError: the problem has a robot other than a two-joint arm, a load of a case, sensor errors, a delay,
@@ -110,7 +111,7 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
 
 
 def _xml(problem: Problem, constants: list[str]) -> str:
-    """Return the automaton."""
+    """Return the automaton as XML."""
     root = ET.Element("sspaceex", {"version": "0.2", "math": "SpaceEx"})
     root.set("xmlns", "http://www-verimag.imag.fr/xml-namespaces/sspaceex")
     arm, nets, static, flows = ET.SubElement(root, "component", id="arm"), *_equations(problem, constants)
@@ -178,7 +179,7 @@ def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[
 
 
 def _configuration(start: np.ndarray, box: StartBox, ranges: dict[str, tuple[float, float]]) -> str:
-    """Return starts and ranges of the constants."""
+    """Return the configuration: initial states and ranges of the constants."""
     held = ["s == 0 & u1 == law1 & u2 == law2"]
     for j in range(JOINTS):
         n, (th, q, dth, dq) = j + 1, start[j::JOINTS].tolist()

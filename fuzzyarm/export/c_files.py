@@ -49,14 +49,14 @@ def _random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     error = size * rng.uniform(-1.0, 1.0, (calls, 2 * joints)) * np.concatenate([half, bounds.velocity])
     seen[:, at.q_reference :] = np.concatenate(sine, axis=1)
     seen[:, : at.q_reference] = seen[:, at.q_reference : at.ddq_reference] + error
-    last = seen[round(0.8 * calls) :]  # which are of any state
+    last = seen[round(0.8 * calls) :]  # the random states
     for part, scale in zip(at, (half, bounds.velocity, half, bounds.velocity, np.full(joints, 50.0)), strict=True):
         last[:, part : part + joints] = scale * rng.uniform(-1.0, 1.0, (len(last), joints))
     return seen
 
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
-"""Compiler options with which an exported law compiles without a warning and gives the bits of its policy."""
+"""Compiler options with which an exported law compiles without a warning and gives the same bits as its policy."""
 
 _LOOP = """#include <string.h>
 #include "{name}.h"
@@ -82,15 +82,15 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
 
 
 def compilers() -> list[str]:
-    """Return which of the C compilers gcc and clang this machine has."""
+    """Return the names of the C compilers, of gcc and clang, that this machine has."""
     return [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
 class _CompiledLaw:
-    """The functions of an exported law as machine code; n joints."""
+    """An exported law as machine code, for n joints."""
 
     def __init__(self, source: Path, joints: int, memory_size: int, number: str, compiler: str) -> None:
-        """Compile the source of an exported law, beside its header; `number` is "double" or "float"."""
+        """Compile the C source of a law in its folder, where the header must be; `number` is "double" or "float"."""
         self.number = np.dtype({"double": np.float64, "float": np.float32}[number])
         self.joints, self.memory_size, name = joints, memory_size, source.stem
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
@@ -136,14 +136,14 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     """Write a policy as C99 into a folder, which must exist; return the files.
 
     The files are NAME.h, NAME.c and NAME_vectors.csv. The torques [N m] of the test vectors are those of the policy in
-    Python; for float they are those of the compiled C, and without a compiler there are none. Files of another law with
-    the same names are not replaced.
+    Python, or for float those of the compiled C; without a compiler there are then no test vectors. Files of another
+    law with the same names are not replaced.
 
     The label of the policy names files and functions; `number`, "double" or "float", is the type of all numbers.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, the law is not accurate in float, or
-            the folder holds another export of the same name.
+            the folder contains another export of the same name.
         OSError: a file cannot be written.
     """
     choice("number", number, ("double", "float"))
@@ -207,21 +207,21 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
         *certificate_lines(policy),
         f"Made from: {program.source}.",
     ]
-    # No text ends the comment, or holds letters beyond ASCII.
+    # No text may end the comment or contain characters beyond ASCII.
     return [line.replace("*/", "* /").encode("ascii", "replace").decode() for line in lines]
 
 
 COSTS = Path(__file__).with_name("cortex_m.json")
-"""What shipped laws cost on microcontrollers, made by benchmarks/exported_c.py."""
+"""The costs of shipped laws on microcontrollers, written by benchmarks/exported_c.py."""
 
 
 def digest_of(source: str, name: str) -> str:
-    """Return the digest of the source of a law, whatever its name."""
+    """Return the digest of the source of a law, which does not depend on the name of the law."""
     return hashlib.sha256(source.replace(name, "law").encode()).hexdigest()
 
 
 def _cost_line(label: str, number: str, digest: str) -> str:
-    """Return the sentence on the cost of a law; it is stated of the very source that was measured."""
+    """Return the sentence on the cost of a law; a cost is stated only if exactly this source was measured."""
     found = json.loads(COSTS.read_text(encoding="utf-8"))
     rows = {core: row for core, row in found["laws"].get(label, {}).items() if row["sha256"] == digest}
     if not rows:
@@ -237,7 +237,7 @@ def _cost_line(label: str, number: str, digest: str) -> str:
 
 
 def certificate_lines(policy: Policy) -> list[str]:
-    """Return what is proven of a policy, in sentences."""
+    """Return sentences on what is proven about a policy."""
     certificate = default_certificate(policy)
     if certificate is None:
         return ["Certificate: none."]

@@ -1,8 +1,8 @@
-"""A policy or a plant as an FMI 2.0 co-simulation FMU: the exported C, what a host needs around it, and both compiled.
+"""A policy or a plant as an FMI 2.0 co-simulation FMU: the exported C, what FMI requires around it, and both compiled.
 
 A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
-its torques hold during it. A step of a plant is a whole number of control periods. A host that steps the controller,
-passes the torques on and then steps the plant repeats the environment's loop, bit for bit.
+its torques are held during the step. A step of a plant is a whole number of control periods. A host that steps the
+controller, passes the torques on and then steps the plant reproduces the environment's loop, bit for bit.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ _TEMPLATE = Path(__file__).with_name("fmu.c")  # with @marks@ for what differs b
 def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     """Return the C source of the FMU of a program.
 
-    `numbers` holds the text for each mark of ``fmu.c``: guid, given, shown, results, period; code for ranges, show,
-    started and single; and allowed, the step sizes in words.
+    `numbers` maps each mark of ``fmu.c`` to its text: guid, given, shown, results and period; the code for ranges,
+    show, started and single; and allowed, the permitted step sizes in words.
     """
     text = _TEMPLATE.read_text(encoding="utf-8")
     for function, arguments in (_IDLE | _EXCUSED).items():
@@ -75,7 +75,7 @@ def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     return re.sub(r"@(\w+)@", lambda mark: {**numbers, "name": name}[mark[1]], text)
 
 
-PLANT = "plant"  # the name of the plant beside those of policies
+PLANT = "plant"  # the name of the FMU of the plant
 _PARTS = (("q_motor", "rad"), ("q_link", "rad"), ("dq_motor", "rad/s"), ("dq_link", "rad/s"))  # in the order of `State`
 _UNITS = {
     "rad": 'rad="1"',
@@ -87,11 +87,11 @@ _UNITS = {
     "kg": 'kg="1"',
 }
 _PLATFORMS = {"linux": ("linux64", ".so"), "darwin": ("darwin64", ".dylib"), "win32": ("win64", ".dll")}
-_TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same export gives the same bytes
+_TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive; fixed, so that the same export gives the same bytes
 
 
 class _Variable(NamedTuple):
-    """A real number of a model: name, unit, "input", "output" or "parameter", its value at the start or None.
+    """A real variable of a model; `causality` is "input", "output" or "parameter", `start` the initial value or None.
 
     A host may set inputs and parameters between `low` and `high`, by default to any finite number.
     """
@@ -109,7 +109,7 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
 
     Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
     torques [N m], and parameters their limits, which can be lowered. ValueError if the policy's source has something
-    that cannot be written in C, or the folder holds another FMU of this name; OSError if the file cannot be written.
+    that cannot be written in C, or the folder has another FMU of this name; OSError if the file cannot be written.
     """
     joints, name, box = range(1, policy.joints + 1), c_name(label), observation_space([policy.parameters])
     names = [(f"{part}{k}", unit) for part, unit in zip(Observation._fields, UNITS, strict=True) for k in joints]
@@ -160,7 +160,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
         (PLANT, "Arm", plant.step, [one.name for one in inputs], plant.memory),
         ("tip", "Place of the tip of an arm", plant.place, [f"q_link{joint}" for joint in joints], ()),
     ):
-        made_from, given = f"export.plant.Plant.{function.__name__}", (names, (0.0,) * len(names))
+        made_from, given = f"export._plant.Plant.{function.__name__}", (names, (0.0,) * len(names))
         program = Recorded(function, given, memory, plant.axes, MODEL, made_from)
         about = [
             f"{what} as C99, written by fuzzyarm {__version__} from the functions that its environment steps.",
@@ -191,7 +191,7 @@ def _start(arm: AnyArm) -> list[float]:
 
 
 def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
-    """Return the library for this machine, by its name in the archive; nothing without a C compiler."""
+    """Return the library for this machine by its name in the archive; an empty mapping without a C compiler."""
     place, found = _PLATFORMS.get(sys.platform), compilers()
     if not (place and found and sys.maxsize > 2**32):
         return {}
@@ -231,7 +231,7 @@ def _write(
 def _description(
     name: str, guid: str, variables: Sequence[_Variable], files: Sequence[str], period: str, fixed: bool
 ) -> str:
-    """Return modelDescription.xml; a step is the period [s] if it is `fixed`."""
+    """Return modelDescription.xml; if `fixed`, a step must be one period [s]."""
     used = {variable.unit for variable in variables}
     units = [f'    <Unit name="{unit}"><BaseUnit {base}/></Unit>' for unit, base in _UNITS.items() if unit in used]
     outputs = [(k, one) for k, one in enumerate(variables, start=1) if one.causality == "output"]
@@ -266,7 +266,7 @@ def _description(
 
 def _variable(reference: int, one: _Variable) -> str:
     start = "" if one.start is None else f' start="{one.start!r}"'
-    if one.causality != "output" and one.high < sys.float_info.max:  # an output may leave the range of its start
+    if one.causality != "output" and one.high < sys.float_info.max:  # an output may leave its initial range
         start = f' min="{one.low!r}" max="{one.high!r}"{start}'
     initial = {"input": "", "output": "exact" if start else "calculated", "parameter": "exact"}[one.causality]
     kind = f' initial="{initial}"' if initial else ""

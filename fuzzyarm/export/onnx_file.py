@@ -1,8 +1,8 @@
 """A policy as ONNX: observation and memory in, torque and memory out, for any number of lanes, in double precision.
 
-The graph has the operations of the recorded program, from which C is written as well. Loops are unrolled, and a branch
-selects between the numbers of both sides, so that lanes may decide differently. onnxruntime gives the numbers of the
-policy, except that its Where returns 0 for -0.
+The graph has the operations of the recorded program from which C is also written. Loops are unrolled. Both sides of a
+branch are computed, and each lane selects the numbers of its own side. onnxruntime gives the numbers of the policy,
+except that its Where returns 0 for -0.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fuzzyarm.numbers.symbols import Branch, For, Index, Region, Store, Symbol
 
 __all__ = ["export_onnx"]
 
-_MOST = 200_000  # operations: a runtime takes a minute to load as many
+_MOST = 200_000  # operations; a runtime takes a minute to load this many
 _OPSET, _IR = 17, 8  # read by onnxruntime since 2022
 _DOUBLE, _INT64 = 11, 7  # types of elements, see onnx.TensorProto
 _OPERATORS: dict[str, tuple[str, Any]] = {
@@ -36,20 +36,20 @@ _OPERATORS: dict[str, tuple[str, Any]] = {
     **{"neg": ("Neg", np.negative), "abs": ("Abs", np.abs), "sqrt": ("Sqrt", np.sqrt)},
     **{"floor": ("Floor", np.floor), "rint": ("Round", np.rint)},
 }
-"""By operation of a program, the operator of ONNX and the function for numbers that are known."""
+"""For each operation of a program, the ONNX operator and the NumPy function for known numbers."""
 _OF_TRUTH = {"<", "<=", "==", ">", ">=", "&", "|", "not"}
 
 
 def export_onnx(label: str, policy: Policy, folder: str | Path) -> Path:
     """Write a policy as NAME.onnx, named after its label, into a folder, which must exist; return the file.
 
-    Inputs are `observation` (lanes, 5 n) [rad, rad/s, rad/s²] and `memory` (lanes, numbers), zeros when an episode
-    begins. Outputs are `torque` (lanes, n) [N m], `next_memory`, and `status` (lanes, 1), what the step in C returns.
-    The last n numbers of the memory are the last torques.
+    Inputs are `observation` (lanes, 5 n) [rad, rad/s, rad/s²] and `memory` (lanes, numbers), which must be zeros when
+    an episode begins. Outputs are `torque` (lanes, n) [N m], `next_memory`, and `status` (lanes, 1), the return value
+    of the step in C. The last n numbers of the memory are the last torques.
 
     Raises:
-        ValueError: the policy has no law, or one of too many operations, the package onnx is not installed, or the
-            folder holds another file of this name.
+        ValueError: the policy has no law or a law of too many operations, the package onnx is not installed, or the
+            folder contains another file of this name.
         OSError: the file cannot be written.
     """
     folder, _ = path_of("folder", folder), instance("policy", policy, Policy)  # type: ignore[type-abstract]
@@ -61,17 +61,17 @@ def export_onnx(label: str, policy: Policy, folder: str | Path) -> Path:
 
 
 class _Graph:
-    """A graph while it is written. A number is a float or boolean that is known, or the name of a tensor (lanes, 1)."""
+    """A graph under construction; a number is a known float or boolean, or the name of a tensor (lanes, 1)."""
 
     def __init__(self) -> None:
-        self.calls: dict[Any, list[Any]] = {}  # by function and arguments, the results
-        self._nodes: dict[Any, str] = {}  # by operator, inputs and attributes, the name of the output
-        self._parts: dict[str, list[str]] = {}  # by name of a node with several outputs, the names of these
-        self._constants: dict[Any, tuple[str, np.ndarray]] = {}  # by type, shape and bytes, name and content
+        self.calls: dict[Any, list[Any]] = {}  # the results by function and arguments
+        self._nodes: dict[Any, str] = {}  # output names by operator, inputs and attributes
+        self._parts: dict[str, list[str]] = {}  # output names of nodes with several outputs, by node
+        self._constants: dict[Any, tuple[str, np.ndarray]] = {}  # name and content by type, shape and bytes
         self._truths: set[str] = set()  # the names of booleans
 
     def model(self, label: str, policy: Policy, program: Recorded) -> bytes:
-        """Return a law, with what a step in C does around it (``functions.c``), as the content of a file."""
+        """Return the content of a file with a law and with what a step in C does around the law (``functions.c``)."""
         try:
             from onnx import helper, numpy_helper
         except ImportError:
@@ -141,7 +141,7 @@ class _Graph:
         return name
 
     def looked_up(self, column: np.ndarray, place: Any) -> Any:
-        """Return the number of a column of a table; places as for `numbers.functions.row`."""
+        """Return the number at a place of a column of a table; places as for `numbers.functions.row`."""
         last = float(len(column) - 1)
         within = self.apply("select", self.apply("<", place, last), place, last)
         row = self.apply("select", self.apply(">", place, 0.0), within, 0.0)
@@ -158,13 +158,13 @@ class _Graph:
         return self._node("Where", condition, self._name(first), self._name(second))
 
     def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
-        """Return the name of the output of an operator, which is written once for the same inputs."""
+        """Return the output name of an operator; an operator is written only once for the same inputs."""
         if len(self._nodes) >= _MOST:
             raise Unsupported(f"with its loops unrolled, it has more than {_MOST:,} operations; export it as C instead")
         return self._nodes.setdefault((operator, inputs, tuple(attributes.items())), f"n{len(self._nodes)}")
 
     def _name(self, number: Any) -> str:
-        """Return the name of a number, of a constant if it is known."""
+        """Return the name of a number; a known number becomes a constant."""
         if isinstance(number, str):
             return number
         array = np.asarray(number)
@@ -191,7 +191,7 @@ class _Graph:
 
 
 class _Run:
-    """A program that is run on the numbers of a graph; `outputs` are those of all its ports."""
+    """A program that is run on the numbers of a graph; `outputs` are the numbers of all its ports."""
 
     def __init__(self, graph: _Graph, program: Program, inputs: Sequence[Any]) -> None:
         self._graph, self._program = graph, program
@@ -214,7 +214,7 @@ class _Run:
         return self._at(index.constant, index.terms.items())
 
     def _region(self, region: Region, runs: Any) -> None:
-        """Run a region; `runs` is whether it does, a boolean or its name."""
+        """Run a region; `runs`, a boolean or its name, is whether its stores take effect."""
         for item in region.items:
             if isinstance(item, Symbol):
                 self._values[item] = self._operation(item)

@@ -1,4 +1,4 @@
-"""The sheet of a law: equations, numbers with units, a state to check an implementation against, certificate."""
+"""The sheet of a law: equations, numbers with units, a state to check an implementation against, and certificate."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Quantity:
     """An array of numbers of a law."""
 
     name: str  # as in the equations
-    unit: str  # of every entry, as text; "-" for none, "SI" where rows have different ones
+    unit: str  # of every entry; "-" without a unit, "SI" if rows have different units
     meaning: str  # in words, with the meaning of the axes
     values: np.ndarray  # any shape, () for one number
 
@@ -50,14 +50,14 @@ class _LawSheet:
 
     policy: str  # its name
     law: str  # what it is, in words
-    equations: tuple[str, ...]  # one a line, in the order of computation
-    quantities: tuple[_Quantity, ...]  # their numbers
+    equations: tuple[str, ...]  # one per line, in the order of computation
+    quantities: tuple[_Quantity, ...]  # the numbers in the equations
     check: tuple[_Quantity, ...]  # one observation and what an implementation must compute from it
-    certificate: PolicyCertificate | None  # None where nothing is proven
-    invariant: InvariantSet | None  # from where the arm stays in the certificate's box; None for the ending -tip, too
+    certificate: PolicyCertificate | None  # None if nothing is proven
+    invariant: InvariantSet | None  # states from which the arm stays in the certificate's box; None also for -tip laws
 
     def to_text(self) -> str:
-        """Return the sheet for a person; numbers have ten digits."""
+        """Return the sheet as readable text; numbers have ten digits."""
         lines = [f"{self.policy}: {self.law}", "", *(f"  {line}" for line in self.equations)]
         for heading, quantities in (("numbers", self.quantities), ("one state to check against", self.check)):
             lines += ["", f"{heading}:"]
@@ -90,14 +90,14 @@ class _LawSheet:
         return sheet | {"invariant_set": self.invariant and self.invariant._asdict()}
 
 
-_Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # in words, its equations and its numbers
+_Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # title, equations and numbers
 
 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
     """Return the numbers of a certificate with units as texts, rounded in the safe direction.
 
-    They follow from the controller's inequalities; ``claim`` is present if the policy leaves their box on its
-    reference.
+    They follow from the controller's inequalities; ``claim`` is present if the policy leaves the box of these
+    inequalities along its reference.
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
@@ -183,10 +183,10 @@ def sheet_of(name: str, policy: Policy) -> _LawSheet:
 
 
 def default_certificate(policy: Policy) -> PolicyCertificate | None:
-    """Return the certificate of a policy along the default motion of its arm; None without one."""
+    """Return the certificate of a policy along the default motion of its arm; None if it has no certificate."""
     try:
         reference: Reference = default_reference(policy.parameters)
-    except ValueError:  # out of reach: what is proven of a fixed law does not depend on the reference
+    except ValueError:  # out of reach; the claims of a fixed law do not depend on the reference
         return None if isinstance(policy, TipPolicy) else certificate_of(policy, default_reference(ArmParameters()))
     return certificate_of(policy, reference)
 

@@ -1,7 +1,7 @@
 """A recorded program as LLVM text, which loads, computes and stores the numbers of groups of arms.
 
 Operations, loops and branches are written for one arm or for vectors of arms. No operation may be contracted or
-reordered: there are no flags that would allow it.
+reordered: the text has no flags that would allow it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
 
 
 def _row_of(item: Any) -> Any:
-    """Return the place and the table of a number of a row, by which such numbers are grouped; None for other items."""
+    """Return place and table of a look-up in a row, by which such look-ups are grouped; None for other items."""
     if isinstance(item, Symbol) and item.operation == "row":
         return item.operands[0] if isinstance(item.operands[0], float) else id(item.operands[0]), item.detail[0]
     return None
@@ -42,7 +42,7 @@ def _literal(number: Any) -> str:
     return f"0x{struct.unpack('>Q', struct.pack('>d', float(number)))[0]:016X}"
 
 
-WIDE = 16  # arms at once where there are many
+WIDE = 16  # arms per vector if there are many
 
 
 class Layout(enum.Enum):
@@ -59,7 +59,7 @@ class Layout(enum.Enum):
 
 
 class _Writer:
-    """Writes the whole text: a function that receives a job and computes its arms group by group.
+    """The writer of the whole text: a function that receives a job and computes the arms of the job group by group.
 
     Each method adds lines, and some return the name of the result.
     """
@@ -88,7 +88,7 @@ class _Writer:
         return f"%w{self.names}"
 
     def call(self, kind: str, name: str, *arguments: tuple[str, str]) -> str:
-        """Declare a function of LLVM; return a call of it with arguments (type, value)."""
+        """Declare an LLVM function; return the text of a call with arguments (type, value)."""
         self.declared.add(f"declare {kind} @llvm.{name}({', '.join(of for of, _ in arguments)})")
         return f"call {kind} @llvm.{name}({', '.join(map(' '.join, arguments))})"
 
@@ -98,7 +98,7 @@ class _Writer:
         self.here = name
 
     def block(self) -> str:
-        """Return a new name of a block."""
+        """Return a new block name."""
         self.blocks += 1
         return f"block{self.blocks}"
 
@@ -107,7 +107,7 @@ class _Writer:
         return f"splat ({kind} {text})" if self.width > 1 else text
 
     def spread(self, out: str, kind: str, one: str) -> None:
-        """Put one number into each place of a vector."""
+        """Write the vector `out`, with the number `one` at each place."""
         vector = f"<{self.width} x {kind}>"
         first = self.new(f"insertelement {vector} poison, {kind} {one}, i64 0")
         self.put(f"{out} = shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
@@ -172,7 +172,7 @@ class _Writer:
         return text
 
     def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the pointer to a number of an array, or to those of the group's arms."""
+        """Return the pointer to a number of a table, or to the numbers of an array for all arms of the group."""
         key = memory, constant, tuple(sorted(terms))
         for held in reversed(self.places):
             if key in held:
@@ -183,7 +183,7 @@ class _Writer:
         return pointer
 
     def inside(self, items: Sequence[Any]) -> None:
-        """Write the items of a loop or a branch; pointers that are computed in it are not used after it."""
+        """Write the items of a loop or a branch; pointers computed inside are not used afterwards."""
         self.places.append({})
         self.items(items)
         self.places.pop()
@@ -207,7 +207,7 @@ class _Writer:
     def first_of_row(self, table: Any, of: Any) -> str:
         """Return where a row begins in its table; places outside are moved to the nearest row."""
         place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
-        positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # not for nan
+        positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # false for nan
         place = self.new(f"select {self.truth} {positive}, {self.real} {place}, {self.real} {zero}")
         inside = self.new(f"fcmp olt {self.real} {place}, {last}")
         place = self.new(f"select {self.truth} {inside}, {self.real} {place}, {self.real} {last}")
@@ -249,7 +249,7 @@ class _Writer:
             self.put(f"%v{one.number} = bitcast {self.real} {loaded[one.detail[1]]} to {self.real}")
 
     def shuffle(self, size: int, a: str, b: str, mask: Sequence[int]) -> str:
-        """Return the numbers of two vectors at some places."""
+        """Return the vector of the numbers at the places `mask` of two joined vectors."""
         vector, places = f"<{size} x double>", ", ".join(f"i32 {k}" for k in mask)
         return self.new(f"shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{places}>")
 
@@ -271,7 +271,7 @@ class _Writer:
             for pointer in pointers:
                 at = self.new(f"getelementptr double, ptr {pointer}, i64 {first}")
                 one = self.new(f"load <{size} x double>, ptr {at}, align 8")
-                filled = [min(k, size - 1) for k in range(EIGHT)]  # what is beyond is not used
+                filled = [min(k, size - 1) for k in range(EIGHT)]  # entries beyond are not used
                 lanes.append(one if size == EIGHT else self.shuffle(size, one, "poison", filled))
             parts = [self.transposed(lanes[k : k + EIGHT])[:size] for k in range(0, self.width, EIGHT)]
             for low, *high in zip(*parts, strict=True):
@@ -294,7 +294,7 @@ class _Writer:
     def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
         """Write a loop over k = 0, ..., count - 1 around the lines of the block; yield a list for the carried numbers.
 
-        The block adds kind, name inside, text before the loop and text at the end of a round for each number.
+        For each carried number the block must add kind, name inside, text before the loop and text at a round's end.
         """
         carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
@@ -327,12 +327,12 @@ class _Writer:
             self.put(f"%v{after.number} = bitcast {self.real} %v{inside.number} to {self.real}")
 
     def rounds(self, one: For) -> None:
-        """Write a loop over arrays."""
+        """Write a loop that reads and writes arrays."""
         with self.counted(f"%i{one.number}", self.place(one.rounds.constant, one.rounds.terms.items())):
             self.inside(one.region.items)
 
     def branch(self, one: Branch) -> None:
-        """Write a branch, which is taken if the condition holds for one of the arms."""
+        """Write a branch, which is taken if the condition holds for at least one arm."""
         then, out, test = self.block(), self.block(), self.of(one.condition)
         if self.width > 1:
             test = self.new(self.call("i1", f"vector.reduce.or.v{self.width}i1", (self.truth, test)))
@@ -368,7 +368,7 @@ class _Writer:
                     self.put(f"store <{size} x double> {one}, ptr {at}, align 8")
 
     def lane_pointers(self, port: int) -> list[str]:
-        """Return the pointers to the numbers of a port of each of the group's arms."""
+        """Return, for each arm of the group, the pointer to its numbers of a port."""
         pointers = []
         for lane in range(self.width):
             row = self.new(f"add i64 %g, {lane}")
@@ -393,7 +393,7 @@ class _Writer:
                 self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
 
     def pointer(self, port: int, k: str) -> str:
-        """Return the pointer to number k of the group's first arm, or for rows the pointers of all its arms."""
+        """Return the pointer to number k of the group's first arm; for rows, the pointers for all arms of the group."""
         layout, kind = self.layouts[port], "i64"
         apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
         step = self.new(f"mul i64 {k}, {apart}")
@@ -404,7 +404,7 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
     def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
-        """Return the type of pointers to a port's numbers, and the function of LLVM that moves those of some arms."""
+        """Return the type of pointers to a port's numbers, and the LLVM function that moves numbers of some arms."""
         if self.layouts[port] is Layout.ROWS:
             return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
         return "ptr", f"masked.{of_columns}{self.suffix}.p0"
@@ -432,7 +432,7 @@ class _Writer:
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
     ) -> None:
-        """Load or store numbers by `one`, and those of ports in rows by `rows`."""
+        """Load or store numbers by `one`, or by `rows` for ports in rows if the group has several arms."""
         in_rows = [self.width > 1 and self.layouts[port] is Layout.ROWS for port, *_ in numbers]
         for number, is_in_rows in zip(numbers, in_rows, strict=True):
             if not is_in_rows:
@@ -453,7 +453,7 @@ class _Writer:
         return blocks
 
     def take_rows(self, wanted: Sequence[_Number]) -> None:
-        """Load numbers of ports in rows: of a whole group by whole rows, else one by one."""
+        """Load numbers of ports in rows: by whole rows if the group is whole, else one by one."""
         found = {}
 
         def one_by_one() -> None:
@@ -488,7 +488,7 @@ class _Writer:
         self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
-        """Return port, first number, its place among all numbers, and length of each run of numbers of arrays."""
+        """Return, for each run of numbers of arrays, its port, first number, place among all numbers, and length."""
         found, place = list[tuple[int, int, int, int]](), 0
         for port, count in enumerate(self.program.ports):
             for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
@@ -514,7 +514,7 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def whole_text(self) -> str:
-        """Return the text."""
+        """Return the text of the program."""
         p, width = self.program, self.width
         numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
         places, needed = [place for place in range(len(numbers)) if place not in p.cells], self._needed()

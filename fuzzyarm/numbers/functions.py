@@ -1,7 +1,7 @@
 """The functions that equations use beyond arithmetic and comparisons, for every kind of number.
 
-A kind of number is a class with these functions as static methods; `KINDS` maps the type of a number to it. Floats need
-no class: each function computes with them in Python.
+Each kind of number has a class with these functions as static methods; `KINDS` maps the type of a number to that class.
+Floats need no class: each function computes with them in Python.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = [
     "minimum", "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
-KINDS: dict[type, Any] = {}  # by type of number, the class with its functions
+KINDS: dict[type, Any] = {}  # the class with the functions, by type of number
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -30,12 +30,12 @@ def select(condition: Any, first: Any, second: Any) -> Any:
 
 
 def minimum(a: Any, b: Any) -> Any:
-    """Return b where b < a, else a; so a where either is not a number."""
+    """Return b where b < a, else a; thus a where either is nan."""
     return select(b < a, b, a)
 
 
 def maximum(a: Any, b: Any) -> Any:
-    """Return b where b > a, else a; so a where either is not a number."""
+    """Return b where b > a, else a; thus a where either is nan."""
     return select(b > a, b, a)
 
 
@@ -84,7 +84,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function() where the condition holds for one of the arms, else `otherwise`, a tree of as many numbers."""
+    """Return function(), run if any arm needs it, where the condition holds, else `otherwise`, a tree of equal size."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
@@ -98,7 +98,7 @@ def word(x: Any) -> Any:
 
 
 def bits(of: Any) -> Any:
-    """Return the number with the 64 bits of a uint64: how an array of numbers holds a word."""
+    """Return the number that has the 64 bits of a uint64, so that an array of numbers can hold words."""
     kind = KINDS.get(type(of))
     return kind.bits(of) if kind else of.view(np.float64)
 
@@ -115,12 +115,12 @@ def number(of: Any) -> Any:
     return kind.number(of) if kind else of * 1.0
 
 
-RECORDERS: list[Any] = []  # what records at this moment, the innermost last; see `program.Program`
+RECORDERS: list[Any] = []  # the programs being recorded, the innermost last; see `program.Program`
 
 
 @dataclasses.dataclass(frozen=True)
 class Cells:
-    """A placeholder for an array of a shape in a tree of numbers."""
+    """A placeholder for an array in a tree of numbers."""
 
     shape: tuple[int, ...]
 
@@ -131,7 +131,7 @@ class Cells:
 
 
 def array(*shape: int) -> Any:
-    """Return an array with undefined content; a program for many arms has one for each arm."""
+    """Return an array with undefined content; a program for many arms has one such array for each arm."""
     return RECORDERS[-1].array(shape) if RECORDERS else np.full(shape, np.nan)
 
 
@@ -144,7 +144,7 @@ def each(count: Any) -> Iterable[Any]:
 
 
 def only(condition: Any) -> Iterable[None]:
-    """Return an iterable for a loop that runs once if the condition holds, else never; its body writes arrays."""
+    """Return an iterable for a loop that runs once if the condition holds; the body must write results to arrays."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.only(condition)  # type: ignore[no-any-return]
@@ -152,7 +152,7 @@ def only(condition: Any) -> Iterable[None]:
 
 
 def flat(tree: Any) -> list[Any]:
-    """Return the numbers of nested tuples, in order; an array of lanes is one of them, `Cells` are as many zeros."""
+    """Return the numbers of nested tuples, in order; an array of lanes counts as one number, `Cells` as many zeros."""
     if isinstance(tree, tuple):
         return [number for part in tree for number in flat(part)]
     if isinstance(tree, Cells):
@@ -161,7 +161,7 @@ def flat(tree: Any) -> list[Any]:
 
 
 def like(tree: Any, numbers: Iterator[Any], cells: Callable[[Cells], Any] | None = None) -> Any:
-    """Return nested tuples of the same kinds with other numbers; `Cells` become arrays, or `cells(...)`."""
+    """Return a tree of the same structure with other numbers; `Cells` become arrays, or `cells(...)`."""
     if isinstance(tree, Cells):
         if cells is not None:
             return cells(tree)
@@ -175,5 +175,5 @@ def like(tree: Any, numbers: Iterator[Any], cells: Callable[[Cells], Any] | None
 
 
 def zeros(tree: Any) -> Any:
-    """Return nested tuples of the same kinds with zeros; `Cells` stay."""
+    """Return a tree of the same structure with zeros; `Cells` stay."""
     return like(tree, itertools.repeat(0.0), lambda cells: cells)

@@ -1,11 +1,11 @@
-"""A recorded program as machine code, by LLVM: the same for one arm and for many at once, with the same bits.
+"""A recorded program as machine code, compiled by LLVM; one arm and many at once give the same bits.
 
-The program becomes LLVM's text with vectors of `width` arms, and no operation may be contracted or reordered. Numbers
-of arms stay where they are, see `Layout`. A group of `width` arms is loaded, stays in the processor's first-level cache
-for all its steps, and is stored again.
+The program becomes LLVM text with vectors of `width` arms, and no operation may be contracted or reordered. The numbers
+of arms stay in their arrays, see `Layout`. A group of `width` arms is loaded, stays in the processor's first-level
+cache for all its steps, and is stored again.
 
-Machine code is kept on disk by a digest of text, processor, level and LLVM's version. A damaged file is replaced, and
-without a writable folder there are no files.
+Machine code is kept on disk under a digest of text, processor, optimisation level and LLVM's version. A damaged file is
+replaced; without a writable folder no files are written.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
-_CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
-_LASTING = 0.5  # s of compiling, after which a terminal is told; a first reset makes two kernels
-_LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
+_CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default the user's cache folder
+_LASTING = 0.5  # s of compiling, after which a message is printed; a first reset compiles two kernels
+_LONG = 2500  # operations; in a longer program the numbers of `WIDE` arms would not stay in registers
 
 
 class Call:
-    """A kernel bound to the arrays of `arms` arms, which it keeps alive."""
+    """A kernel bound to the arrays of `arms` arms; it keeps the arrays alive."""
 
     __slots__ = ("_code", "_held", "_job", "arms")
 
@@ -53,12 +53,12 @@ class Call:
         self._code.call(_SPAN.pack(first, stop) + self._job[_SPAN.size :])
 
     def on(self, port: int, array: np.ndarray) -> None:
-        """Use another array of the same shape, strides and type for a port; the caller keeps it alive."""
+        """Use another array of the same shape, strides and type for a port; the caller must keep it alive."""
         at = _SPAN.size + _SIZE * (1 + port)
         self._job = self._job[:at] + _ADDRESS.pack(_address(array)) + self._job[at + _SIZE :]
 
     def release(self) -> None:
-        """Drop the references to the arrays; the caller keeps them alive."""
+        """Drop the references to the arrays; the caller must keep the arrays alive."""
         self._held = ()
 
     @property
@@ -70,7 +70,7 @@ class Call:
 class _Known:
     """The machine code and the arguments that follow from the shapes of arrays, constants and tables.
 
-    `apart` has the distance between rows of each array, then the number of rows of each table.
+    `apart` lists the distance between rows of each array, then the number of rows of each table.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class _Known:
         self._places = [_address(array) for array in (self.constants, *self.tables)]
 
     def fits(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> bool:
-        """Return whether these have the same shapes, strides and types."""
+        """Return whether arrays, constants and tables have the same shapes, strides and types as the known ones."""
         same = constants is self.constants and tables is self.tables
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
@@ -108,14 +108,14 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 class Kernel:
     """A program that runs on arrays in place, by default all in rows; with several steps per call if `repeated`.
 
-    One arm, or a few, are run one after the other, and many in groups of `WIDE`, or of `EIGHT` where the program is
-    long; machine code is made when it is first needed.
+    Few arms are run one after the other, many in groups of `WIDE`, or of `EIGHT` if the program is long. Machine code
+    is compiled when it is first needed.
     """
 
     def __init__(self, program: Program, layouts: Sequence[Layout] = (), *, repeated: bool = False) -> None:
         self.program, self.repeated = program, repeated
         self.layouts = tuple(layouts) or (Layout.ROWS,) * len(program.ports)
-        # The port that says how many arms there are: blocks may have room for more.
+        # The port that gives the number of arms; blocks may have room for more.
         self._counted = next(port for port, layout in enumerate(self.layouts) if layout is not Layout.BLOCKS)
         self._codes: dict[int, _Code] = {}
         self._known: _Known | None = None
@@ -196,7 +196,7 @@ class Kernel:
 
 
 def _address(array: np.ndarray) -> int:
-    try:  # three times as fast as the other way, but not for arrays with gaps or that are read-only
+    try:  # three times as fast as below, but not for read-only arrays or arrays with gaps
         return ctypes.addressof(_BYTE.from_buffer(array))  # type: ignore[arg-type]
     except (BufferError, TypeError, ValueError):
         return int(array.__array_interface__["data"][0])
@@ -215,18 +215,18 @@ class _Code:
         self.engine.add_object_file(llvm.ObjectFileRef.from_data(binary))
         self.engine.finalize_object()
         address = self.engine.get_function_address("kernel")
-        # One arm takes a microsecond: there it is not worth to let other threads run.
+        # One arm takes a microsecond, too short to let other threads run.
         kind = ctypes.CFUNCTYPE if width > 1 else ctypes.PYFUNCTYPE
         self.call = kind(None, ctypes.c_void_p)(address)
 
 
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
-    """Return the machine code of a text, from the file of its digest if there is one."""
-    level = 1 if width > 1 else 2  # of LLVM's optimisation
+    """Return the machine code of a text, from the file under its digest if there is one."""
+    level = 1 if width > 1 else 2  # LLVM's optimisation level
     _initialise()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-    # A new one each time, since an engine keeps it.
+    # A new machine each time, since an engine keeps it.
     machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=level)
     version = ".".join(map(str, llvm.llvm_version_info))
     key = "\n".join([text, processor, features, str(level), version])

@@ -1,8 +1,8 @@
-"""Recording: a function is run on symbols, and its computations become a program with each operation once.
+"""Recording: a function is run on symbols, and its computations become a program in which each operation occurs once.
 
-A `Program` has regions: its top, and within it loops and branches. An operation whose operands precede a loop is placed
-before the loop; one in a branch stays there. Symbols that depend only on constants are *uniform*: one number for all
-arms.
+A `Program` has nested regions: the top, and within it those of loops and branches. An operation whose operands precede
+a loop is placed before the loop; an operation in a branch stays there. Symbols that depend only on constants are
+*uniform*: one number for all arms.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ __all__ = ["Program"]
 class Program:
     """A recorded function ``f(*ports, constants, *tables)`` that returns as many ports.
 
-    A port is a tree of numbers that differ between arms. Each number that the function returns is stored in the
-    place of the number that it was given, unless it is returned unchanged.
+    A port is a tree of numbers that differ between arms. Each returned number is stored in place of the corresponding
+    given number, unless it is returned unchanged.
 
     Attributes:
-        ports: how many numbers each port has; `arrays`: each array of the program's own.
+        ports: count of numbers of each port; `arrays`: sizes of the program's own arrays.
         constants: the symbols of the constants, which are the same for all arms.
         tables: the shape of each table; it begins with 0 where a kernel is given the number of rows.
         cells: the places among all numbers of ports that belong to arrays.
-        top: the region of all operations; `now`: the one that is recorded into.
-        inputs: the symbols of all ports, in order; `outputs`: what becomes of them.
+        top: the region that contains all others; `now`: the region that is being recorded into.
+        inputs: the symbols of all ports, in order; `outputs`: the returned numbers, in the same order.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Program:
     ) -> None:
         """Record the function.
 
-        Ports are trees whose shape alone matters; their `Cells` become arrays, which the function changes in place.
+        Only the structure of port trees matters; their `Cells` become arrays, which the function changes in place.
         Constants are a tree without `Cells`. Tables are given by their shapes, with 0 for any number of rows.
         ValueError if the sizes of the returned ports differ from the given ones.
         """
@@ -95,11 +95,11 @@ class Program:
         number = self.loops
         with self.within(loop=True) as region:
             yield Index({number: 1}, 0)
-        self.now.items.append(For(number, Index.of(count), region))  # behind what was moved out of it
+        self.now.items.append(For(number, Index.of(count), region))  # after the operations moved out of it
 
     @contextlib.contextmanager
     def within(self, *, loop: bool = False) -> Iterator[Region]:
-        """Record into a new region within the present one; the caller adds it to the items afterwards."""
+        """Record into a new region within the current one; the caller must add it to the items afterwards."""
         outside, self.now = self.now, Region(self.now, loop=loop)
         try:
             yield self.now
@@ -167,7 +167,7 @@ class Program:
         return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
 
     def size(self) -> int:
-        """Return how many operations there are."""
+        """Return the number of operations."""
 
         def count(region: Region) -> int:
             return sum(

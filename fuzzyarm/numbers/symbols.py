@@ -1,7 +1,7 @@
 """Symbols: the unknown numbers of a function while it is recorded, and the parts of the recorded program.
 
-Arrays and tables of symbols have places that may depend on the rounds of loops. A program consists of regions, loops,
-branches, operations and stores.
+The places in arrays and tables may depend on the rounds of loops. A program consists of regions, loops, branches,
+operations and stores.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class Symbol:
     """A number, boolean or 64-bit word that a program computes.
 
     Attributes:
-        number: its own, from 1 in the order of recording.
-        operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in a region.
+        number: counts the symbols from 1, in the order of recording.
+        operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in the region `region`.
         kind: "real", "truth" or "word".
-        uniform: whether it is the same for all arms.
-        detail: of an input or a row, its place.
+        uniform: whether the symbol has the same value for all arms.
+        detail: for an input or a row, the place; for other operations, what else defines them.
     """
 
     __slots__ = ("detail", "kind", "number", "operands", "operation", "program", "region", "uniform")
@@ -117,8 +117,8 @@ class Index:
 class Array:
     """Numbers of an arm, or of a table, that are read and written by indices while a function is recorded.
 
-    They lie in a memory, "room" (numbers of ports), "table0", ..., or "array0", ... of its own, from the place `first`,
-    an `Index`, on, `steps` apart along each axis of the shape, by default rows side by side.
+    They lie in `memory`: "room" (numbers of ports), "table0", ..., or "array0", ... (own arrays of the program), from
+    the place `first`, an `Index`, on. They are `steps` apart along each axis of the shape, by default row by row.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -168,7 +168,7 @@ class Array:
 
 
 class Table(Array):
-    """A table of a program; a kernel is given the number of its rows where `shape` begins with 0."""
+    """A table of a program; if `shape` begins with 0, the kernel is given the number of rows."""
 
     __slots__ = ("columns", "number")
 
@@ -178,7 +178,7 @@ class Table(Array):
 
 
 class Region:
-    """A sequence of `items`: operations, loops and branches; `known` has the operations by their key, for reuse."""
+    """A sequence of `items`: operations, loops and branches; `known` maps keys to operations, for reuse."""
 
     def __init__(self, parent: Region | None, *, loop: bool = False) -> None:
         self.parent, self.loop, self.items, self.known = parent, loop, [], {}  # type: ignore[var-annotated]
@@ -192,7 +192,7 @@ class Region:
 
 
 class For(NamedTuple):
-    """A region that is run for each round of a loop, the loop's number, and how many rounds there are."""
+    """A region that is run for each round of a loop, the loop's number, and the number of rounds."""
 
     number: int
     rounds: Index

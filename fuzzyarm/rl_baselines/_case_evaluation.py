@@ -18,15 +18,15 @@ __all__ = ["COLUMNS", "evaluate_cases"]
 
 _MEASURES = ("max_mm", "rms_mm", "share")
 COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEASURES)
-"""What `evaluate_cases` returns; a case that is added to the package does not change it."""
+"""Keys of the result of `evaluate_cases`; a case that is added to the package does not change them."""
 
 
 def evaluate_cases(policy: Policy, arm: AnyArm | None = None) -> dict[str, float]:
-    """Run an episode of each case at the policy's own control period: the arm's default reference with its own loads.
+    """Run an episode of each case, with its loads for the arm, on the default reference at the policy's control period.
 
     Returns:
-        By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after
-        which it ended, 1 if the reference was followed to its end.
+        By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode that was
+        completed, 1 if the reference was followed to its end.
     """
     arm, cases = ArmParameters() if arm is None else arm, list(PAPER_CASES)
     reference: Any = default_reference(arm)

@@ -1,8 +1,8 @@
 """The checkpoint of a training run: one file, replaced atomically, so that a complete one always exists.
 
 The file is a line, ``fuzzyarm-checkpoint/3 SHA256``, followed by the output of `torch.save` for tensors, numbers and
-text. It is read with ``weights_only=True``: no code in it is run. `check_like` compares its content with that of a new
-training of the same configuration: no part of a state is used before all of it fits.
+text. It is read with ``weights_only=True``, so that no code in it is run. `check_like` compares its content with that
+of a new training run with the same configuration; no part of a state is used before all parts are known to fit.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ __all__ = [
 _SCHEMA = b"fuzzyarm-checkpoint/3"
 _LARGEST = 2**30  # bytes
 _LARGEST_INDEX = 2**26  # bytes of all but the tensors
-_LARGEST_NUMBER = 1e100  # whose square is a number
+_LARGEST_NUMBER = 1e100  # its square is finite
 _MOST_VALUES = 1_000_000
-_NUMPY = ("kind", "keys", "position", "has_gauss", "gauss")  # the parts of the state of its generator
-_MOST_STEPS = 1e9  # below 0, and far beyond, Adam's corrections overflow
+_NUMPY = ("kind", "keys", "position", "has_gauss", "gauss")  # parts of the state of NumPy's generator
+_MOST_STEPS = 1e9  # below 0, and far above this, Adam's corrections overflow
 _SHOWN = 200  # characters of a library's message
 
 
 class CheckpointError(ValueError):
-    """A checkpoint is missing, damaged or from another training; the message is one line that says what to do."""
+    """A missing or damaged checkpoint, or one from another run; the message is one line that says what to do."""
 
 
 def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
@@ -103,8 +103,8 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def check_like(name: str, found: Any, own: Any) -> None:
     """Check that a part of a checkpoint matches a new training: names, and types and shapes of tensors.
 
-    Lists and empty mappings grow in a training; their user checks their content. ValueError says, with `name`, where
-    the two differ.
+    Lists and empty mappings grow during training; the code that uses them must check their content. ValueError says
+    where the two differ; `name` is the name of this part.
     """
     own = _as_tensors(own)
     if isinstance(own, dict) and own:
@@ -124,7 +124,7 @@ def check_like(name: str, found: Any, own: Any) -> None:
 
 
 def check_finite(name: str, found: Any) -> None:
-    """Raise ValueError for a part of a checkpoint with a number that is nan or beyond ±`_LARGEST_NUMBER`."""
+    """Raise ValueError if a part of a checkpoint contains a number that is nan or beyond ±`_LARGEST_NUMBER`."""
     if isinstance(found, dict | list | tuple):
         for value in found.values() if isinstance(found, dict) else found:
             check_finite(name, value)
@@ -159,13 +159,13 @@ def random_state() -> dict[str, Any]:
 
 
 def set_random_state(state: dict[str, Any]) -> None:
-    """Restore the random generators to a result of `random_state`; an exception if `state` is not one."""
+    """Restore the random generators from a result of `random_state`; raise an exception for any other `state`."""
     check_like("generators", state, random_state())
     drawn, python = state["numpy"], state["python"]
     keys = np.array(drawn["keys"].numpy())
     if keys.min() < 0 or keys.max() >= 2**32:
         raise ValueError("generators.numpy.keys must be whole numbers from 0 to 2^32 - 1")
-    whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy reads there without a check
+    whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy does not check it
     torch.set_rng_state(state["torch"])
     drawn = drawn | {"keys": keys.astype(np.uint32)}
     np.random.set_state(tuple(drawn[name] for name in _NUMPY))  # noqa: NPY002
@@ -185,11 +185,11 @@ def _check_archive(data: bytes) -> None:
 
 
 def _check_values(loaded: Any, size: int) -> None:
-    """Check that there are plain tensors within the `size` bytes of the file, numbers and text."""
+    """Check that there are only numbers, text and plain tensors no larger than the `size` bytes of the file."""
     rest, count = [loaded], 0
     while rest:
         part, count = rest.pop(), count + 1
-        if count > _MOST_VALUES:  # a list may hold one list many times, or itself
+        if count > _MOST_VALUES:  # a list may contain another list many times, or itself
             raise ValueError(f"it has more than {_MOST_VALUES} values")
         if isinstance(part, dict):
             rest += [*part, *part.values()]
@@ -218,8 +218,8 @@ def _as_tensors(content: Any) -> Any:
 def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, parameters: Sequence[torch.Tensor]) -> None:
     """Check the numbers in a state of PPO, after `check_like` and `check_finite`.
 
-    Only the learning rate changes among Adam's settings. `parameters` are in the order of the optimizer. TypeError or
-    ValueError says where a number is out of range or does not fit.
+    Of Adam's settings only the learning rate may differ. `parameters` must be in the order of the optimizer. TypeError
+    or ValueError says where a number is out of range or does not fit.
     """
     for group, own in zip(found["optimizer"]["param_groups"], optimizer.state_dict()["param_groups"], strict=True):
         check_like("learner.optimizer", group, own)

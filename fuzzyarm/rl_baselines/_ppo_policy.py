@@ -21,10 +21,10 @@ _TIP, _FORCE = 1e-4, 200.0  # m, N
 
 
 class PlantView(VecEnvWrapper):
-    """Arms whose observations end with unmeasured quantities, for a value function that is not shipped.
+    """Arms whose observations end with unmeasured quantities for the value function, which is not shipped.
 
-    These are the tip's error, asinh((p - p_d)/0.1 mm), the bending of the joints, asinh((q_b - q_a)/0.1 mrad), the
-    links' velocities, asinh(q̇_b/(10 mrad/s)), the tip force in 200 N, and the episode's draws.
+    These are the tip error, asinh((p - p_d)/0.1 mm), the bending of the joints, asinh((q_b - q_a)/0.1 mrad), the link
+    velocities, asinh(q̇_b/(10 mrad/s)), the tip force in units of 200 N, and the randomised quantities of the episode.
     """
 
     def __init__(self, venv: StableBaselinesVecEnv) -> None:
@@ -37,7 +37,7 @@ class PlantView(VecEnvWrapper):
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step every lane; the last observation of an ended episode shows its own plant."""
+        """Step every lane; a terminal observation ends with the quantities of the ended episode."""
         observation, rewards, dones, infos = self.venv.step_wait()
         ended = np.flatnonzero(dones)
         if len(ended):
@@ -50,7 +50,7 @@ class PlantView(VecEnvWrapper):
         return np.hstack([observation, self._plant(slice(None))])
 
     def _plant(self, which: Any, info: Mapping[str, Any] | None = None) -> np.ndarray:
-        """Return the numbers of some lanes (rows, size), each of order 1 except the draws."""
+        """Return the unmeasured quantities of some lanes (rows, size), of order 1 except for the randomised ones."""
         info = self.venv.vector_info if info is None else info
         parts = [
             np.arcsinh((info["tip"] - info["tip_reference"])[which] / _TIP),
@@ -64,16 +64,16 @@ class PlantView(VecEnvWrapper):
 
 
 NOISE = 0.05
-"""Standard deviation of the noise on features on which actions should hardly depend."""
+"""Standard deviation of the noise that the smoothness term adds to features."""
 
 
 class GuidedPolicy(ActorCriticPolicy):
     """The networks of `stable_baselines3.PPO`, with two changes.
 
-    The policy observes all features except the last `unseen`, the value function all. With a `smoothness` λ, the
-    entropy term of PPO is -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for
-    action policy smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative
-    mean.
+    The policy observes all features except the last `unseen`; the value function observes all of them. With a
+    `smoothness` λ > 0, PPO's entropy term is replaced by -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and
+    standard normal n (CAPS: Conditioning for Action Policy Smoothness, Mysore et al., 2021). With `ent_coef` = 1, the
+    negative mean of this term is added to the loss.
     """
 
     def __init__(self, *arguments: Any, unseen: int = 0, smoothness: float = 0.0, **others: Any) -> None:
@@ -100,7 +100,7 @@ class GuidedPolicy(ActorCriticPolicy):
 
 
 class _TwoSights(MlpExtractor):
-    """The hidden layers, those of the policy without the last features."""
+    """The hidden layers of policy and value function; the policy does not receive the last `unseen` features."""
 
     def __init__(self, size: int, unseen: int, widths: Any, activation: Any) -> None:
         super().__init__(size, widths, activation, "cpu")

@@ -16,12 +16,12 @@ __all__ = ["Angle", "Table", "Word"]
 class Angle:
     """An angle (lanes,) [rad] in float32 with its rounding error (Kahan's compensated sum).
 
-    The physics adds increments to angles, a hundred-thousandth of their size, and takes differences of about that
-    size. In plain float32 the tip is off by up to 4 µm in an episode of the paper; with the rest by 0.1 µm.
+    The physics adds increments of a hundred-thousandth of an angle's size, and takes differences of about that size. In
+    an episode of the paper the tip is off by up to 4 µm in plain float32, and by 0.1 µm with the rest.
 
-    It supports the arithmetic that the physics uses: an increment may be added, angles may be added and subtracted,
-    which gives tensors, and so do sine, cosine, magnitude, a number times the angle and comparisons with limits.
-    `value` is the rounded angle, `rest` the exact one minus `value`.
+    It supports the arithmetic of the physics. Adding an increment gives an angle; sums and differences of angles, sine,
+    cosine, magnitude, a number times the angle and comparisons with limits give tensors. `value` is the rounded angle,
+    `rest` the exact angle minus `value`.
     """
 
     def __init__(self, value: Tensor, rest: Tensor) -> None:
@@ -32,7 +32,7 @@ class Angle:
 
     @classmethod
     def __torch_function__(cls, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        """Return tensor + angle, or compare them, since torch.compile reorders angle + tensor and so on."""
+        """Return tensor + angle, or compare tensor and angle: torch.compile may swap the operands."""
         if function in (torch.Tensor.le, torch.Tensor.ge):
             limit, angle = arguments
             return function(limit, angle.value)
@@ -59,7 +59,7 @@ class Angle:
         return self.value <= limit
 
     def advanced(self, increment: Tensor) -> Angle:
-        """Return the angle plus an increment [rad] that is smaller than it."""
+        """Return the angle plus an increment [rad], which must be smaller than the angle."""
         part = increment + self.rest
         value = self.value + part
         return Angle(value, part - (value - self.value))
@@ -86,7 +86,7 @@ class Table:
 
     @property
     def dtype(self) -> torch.dtype:
-        """That of every number looked up."""
+        """The dtype of every number looked up."""
         return self.tensor.dtype
 
     def at(self, place: Tensor) -> list[Tensor]:
@@ -99,14 +99,15 @@ class Table:
         return columns
 
     def number(self, value: float) -> Tensor:
-        """Return a number as a tensor of shape (); a number of Python times bool would be of torch's default dtype."""
+        """Return a number as a tensor of shape (); a float times a bool tensor would have torch's default dtype."""
         return self.tensor.new_full((), value)
 
 
 class Word:
-    """Words of 64 bits, unsigned, for `fuzzyarm.envs.batch.randomness`; torch has no arithmetic for its uint64.
+    """Unsigned 64-bit words for `fuzzyarm.envs.batch.randomness`, since torch has no arithmetic for its uint64.
 
-    int64 computes like uint64, except for shifts. `bits` are (lanes,), `dtype` is that of numbers converted from them.
+    The words are stored as int64, which computes like uint64 except for shifts. `bits` has the shape (lanes,); `dtype`
+    is that of numbers converted from the words.
     """
 
     def __init__(self, bits: Tensor, dtype: torch.dtype) -> None:
@@ -126,7 +127,7 @@ class Word:
 
 
 def _bits(other: Any) -> Any:
-    """Return the bits of words as int64, or a whole number of Python modulo 2^64 as int64 has it."""
+    """Return the bits of words as int64, or a Python integer modulo 2^64, shifted into the range of int64."""
     return other.bits if isinstance(other, Word) else (other + 2**63) % 2**64 - 2**63
 
 
@@ -156,7 +157,7 @@ class _Words:
 
     @staticmethod
     def number(of: Word) -> Tensor:
-        """Return a word below 2^53 as a number; in float32 its first 24 bits, as rounding might give 2^53."""
+        """Return a word below 2^53 as a number; in float32 only its first 24 bits, since rounding might give 2^53."""
         exact = of.bits if of.dtype == torch.float64 else of.bits & -(1 << 29)
         return exact.to(of.dtype)
 

@@ -34,10 +34,10 @@ _LOST = int(Termination.LOST)
 
 
 class Lanes(NamedTuple):
-    """The data of a lane between steps, (n,) each; all else follows from it.
+    """The data of the lanes between steps, of shape (n,) each; everything else follows from them.
 
-    The numbers of its state, in float32 followed by the rests of its angles; the key of the episode's random
-    stream, and its steps so far, both int64.
+    `numbers` are those of the state, in float32 followed by the rests of the angles; `key` is the key of the episode's
+    random stream and `step` the number of its steps so far, both int64.
     """
 
     numbers: tuple[Tensor, ...]
@@ -62,7 +62,7 @@ class Equations:
 
 
 def _reader(record: Any) -> Callable[[Iterable[Tensor]], Any]:
-    """Return the function that makes a record of its numbers."""
+    """Return the function that builds a record from its numbers."""
     places_in = places(record)
     return lambda numbers: like(places_in, iter(numbers))
 
@@ -74,14 +74,14 @@ class Shared:
     equations: Equations  # of the arm
     plant: Any  # the nominal arm, a `Physics.Plant`
     payload: float  # mass [kg] that the disturbance adds
-    payload_place: float  # where it is, see `Physics.payload_place`
+    payload_place: float  # place of that mass, see `Physics.payload_place`
     noise: Noise  # standard deviations of measured angles [rad] and velocities [rad/s]
     ranges: tuple[tuple[float, float], ...]  # low and high of every number of `draw_record`
     period: float  # control period [s]
-    substeps: int  # in it
+    substeps: int  # in a control period
     spans: Table  # (schedules, 2), first row in `rows` and number of steps
     starts: Table  # (schedules, numbers of `reference_record`), the reference at the start
-    rows: Table  # (steps, numbers of `row_record`), the schedules below each other, see `by_step`
+    rows: Table  # (steps, numbers of `row_record`), the schedules one after another, see `by_step`
     early_end: float  # tip error [m] beyond which an episode ends
 
     def nominal(self) -> Any:
@@ -113,7 +113,7 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     both = PerJoint(*(own + beside for own, beside in zip(torque, bias, strict=True)))
     h, before = shared.period / shared.substeps, _state(shared, lanes.numbers)
     reached = equations.held(before, both, mean, change, arm, h, shared.substeps)
-    # After an action that is not finite the arm is where it would be after a step to infinity.
+    # An action that is not finite has the effect of a step to an infinite state.
     reached = like(reached, (select(sound, part, float("nan")) for part in flat(reached)))
     moved = assessed(physics, before, reached, asked, torque, bias, mean, row.target, arm, limits)
     found, dtype = moved.found, shared.rows.dtype
@@ -139,7 +139,7 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
 
 
 def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
-    """Return the episodes that follow those with the keys (n,), and their first reference; shapes (n,) or ().
+    """Return the lanes in the episodes that follow those with keys (n,), and their first reference; shapes (n,) or ().
 
     They begin at rest; the motors hold the gravity torque of the nominal arm.
     """
@@ -153,7 +153,7 @@ def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
 
 
 def write(lanes: Lanes, new: Lanes) -> None:
-    """Change lanes in place."""
+    """Overwrite `lanes` with `new`, in place."""
     for old, row in zip((*lanes.numbers, *lanes[1:]), (*new.numbers, *new[1:]), strict=True):
         old.copy_(row)
 
@@ -194,7 +194,7 @@ def drawn(shared: Shared, key: Tensor) -> Any:
 
 
 def _tensors(numbers: Any, rows: Table) -> Any:
-    """Return a nested record with its numbers of Python as tensors of shape ()."""
+    """Return a nested record with its Python numbers as tensors of shape ()."""
     parts = flat(numbers)
     return like(numbers, (part if isinstance(part, Tensor) else rows.number(part) for part in parts))
 
@@ -211,7 +211,7 @@ def stacked(rows: Sequence[Tensor]) -> Tensor:
 def by_step(schedule: Schedule) -> np.ndarray:
     """Return (steps, columns), a row per control step in the units of a schedule's table.
 
-    Reference and target at the end of the step, force and bias during it.
+    A row has the reference and target at the end of the step, and the force and bias during it.
     """
     table, first_of_step = schedule.table, schedule.columns.force.start
     return np.concatenate([table[1:, :first_of_step], table[:-1, first_of_step:]], axis=-1)

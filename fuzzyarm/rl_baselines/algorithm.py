@@ -18,9 +18,9 @@ __all__ = ["AlgorithmSpec"]
 class _Algorithm(Protocol):
     """A learning algorithm during a training run.
 
-    Between updates it calls back, and the trainer evaluates the policy and writes checkpoints. The trainer
-    keeps the state of the environment and of the random generators of Python, NumPy and torch; `state` is everything
-    else that the next update depends on.
+    After each update it calls the trainer, which evaluates the policy and writes checkpoints. The trainer saves the
+    states of the environment and of the random generators of Python, NumPy and torch; `state` is everything else that
+    the next update depends on.
     """
 
     @property
@@ -30,19 +30,19 @@ class _Algorithm(Protocol):
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
         """Continue until ``config.total_timesteps`` steps are done.
 
-        `after_update` is called after every update with numbers for the curve, by the columns of
-        `AlgorithmSpec.columns` and ``episode_reward``, ``episode_length`` [steps] and ``tip_error_mm`` of the episodes
-        that ended last; a column may be missing.
+        `after_update` is called after every update with a row of the learning curve: numbers by the names in
+        `AlgorithmSpec.columns`, and ``episode_reward``, ``episode_length`` [steps] and ``tip_error_mm`` of the episodes
+        that ended last. Columns may be missing.
         """
 
     def network(self) -> Network:
-        """Return the policy as it would be shipped now."""
+        """Return the network of the current policy, as it would be shipped."""
 
     def state(self) -> dict[str, Any]:
         """Return the state: nested mappings and lists of tensors, NumPy arrays, numbers and text."""
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from a state, whose arrays have become tensors; the configuration must be the same.
+        """Restore a result of `state` with tensors in place of arrays; the configuration must be the same.
 
         Raises:
             KeyError, TypeError, ValueError, RuntimeError: the state does not fit.
@@ -54,13 +54,13 @@ class AlgorithmSpec:
     """A registered algorithm.
 
     Attributes:
-        name: on the command line, ``fuzzyarm train NAME``.
-        title: in the help and in ``policy.json``.
-        config: class of its settings; no other algorithm has the same.
+        name: NAME in the command ``fuzzyarm train NAME``.
+        title: text in the help and in ``policy.json``.
+        config: class of its settings; must differ from that of every other algorithm.
         presets: settings by name; the first is the default.
-        create: returns the algorithm at the beginning of a training, from the settings and the arms. It also seeds the
-            arms and the random generators with ``config.seed``.
-        columns: the columns that it adds to the curve.
+        create: returns the algorithm at the beginning of a training run, from the settings and the arms. It must also
+            seed the arms and the random generators with ``config.seed``.
+        columns: the columns that the algorithm adds to the learning curve.
         libraries: distributions whose versions are recorded in ``policy.json``.
     """
 

@@ -1,7 +1,8 @@
-"""The settings of a training that do not depend on the algorithm, and those of the training of `learned-observer`.
+"""The settings of a training run that do not depend on the algorithm, and those for training `learned-observer`.
 
-The settings of an algorithm are a class that derives from `TrainingConfig` and adds its own fields. The command line is
-made from these classes: a field gives the flag its name, type and default, and the text after the field is its help.
+The settings of an algorithm are a class derived from `TrainingConfig` with further fields. The command line is
+generated from these classes: a field defines the name, type and default of a flag, and the string below the field is
+the flag's help.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ _Distribution = Literal["nominal", "robust"]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
-    """The task, the arm and the storage of a training run; the text after each field explains it.
+    """The settings of a training run with any algorithm; the string below each field explains the field.
 
-    The defaults are those of ``FuzzyArmLearn-v0``; every training uses its reward and early end. TypeError or
-    ValueError says which value is refused, and why.
+    The defaults are those of ``FuzzyArmLearn-v0``, whose reward and early end apply to every training run. TypeError or
+    ValueError names the value that is refused and the reason.
     """
 
     distribution: _Distribution = "robust"
@@ -77,30 +78,30 @@ class TrainingConfig:
         whole("threads", self.threads, low=1, high=1024)
         if self.robot is not None:
             instance("robot", self.robot, str)
-        # The definitions of features and action check the rest.
+        # The definitions of features and action check the other fields.
         _ = self.action, self.features
 
     @property
     def features(self) -> FeatureDefinition:
-        """What the policy sees."""
+        """The definition of the features that the policy observes."""
         same = ("past_errors", "past_actions", "integral_time", "elastic_target")
         registered = learning_features(len(self.scale))
         return dataclasses.replace(registered, **{name: getattr(self, name) for name in same})
 
     @property
     def action(self) -> ActionDefinition:
-        """What the policy's action means."""
+        """The definition of the policy's action."""
         base = None if instance("base", self.base, str) == "none" else self.base
         return ActionDefinition(self.scale, self.action_period, base, self.smoothing_time)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields by name, ready for JSON; ``robot`` is left out of a training for the arm of Table 1."""
+        """Return the fields by name, ready for JSON; ``robot`` is left out if it is None."""
         values = {name: list(v) if isinstance(v, tuple) else v for name, v in dataclasses.asdict(self).items()}
         return {name: value for name, value in values.items() if value is not None}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Return the configuration whose `to_dict` gave `values`.
+        """Return the configuration from `values`, a result of `to_dict`.
 
         Raises:
             ValueError: a field is missing or unknown, or its value is refused.
@@ -112,19 +113,19 @@ class TrainingConfig:
 
 
 SEGMENT = 50
-"""Control periods between two instants at which the memory of the network is kept, where a window may begin."""
+"""Control periods between two stored states of the network's memory; a window begins at such a state."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EstimateConfig:
-    """The extent of a training run; the text after each field explains it. Errors as for `TrainingConfig`."""
+    """The settings for training `learned-observer`; errors as for `TrainingConfig`."""
 
     seed: int = 0
     """Seed of everything that is random."""
     hidden: int = 32
-    """Numbers that the network remembers (1 to 512)."""
+    """Numbers in the network's memory (1 to 512)."""
     modulation: int = 16
-    """Numbers by which the context weighs them (1 to 512)."""
+    """Numbers computed from the context to weight the memory (1 to 512)."""
     chunks: int = 200
     """Number of chunks of experience; the network learns from each before the next."""
     lanes: int = 160
@@ -143,7 +144,7 @@ class EstimateConfig:
     """Chunks after which plants, loads and courses are drawn again."""
 
     def __post_init__(self) -> None:
-        from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import LARGEST_MEMORY  # which loads the compiler
+        from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import LARGEST_MEMORY  # this import loads the compiler
 
         whole("seed", self.seed, high=2**31 - 1)
         most = {"hidden": LARGEST_MEMORY, "modulation": LARGEST_MEMORY, "lanes": 65_536, "replay": 1000}

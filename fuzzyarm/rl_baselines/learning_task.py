@@ -1,7 +1,7 @@
-"""``FuzzyArmLearn-v0``: the arm of ``FuzzyArm-v0`` as a task for learners, single and as a batch.
+"""``FuzzyArmLearn-v0``: the arm of ``FuzzyArm-v0`` as a task for learning algorithms, single and as a batch.
 
-An observation holds the features of `laws.learned.features`, which a trained policy computes with the same code on a
-robot; an action a in [-1, 1]ⁿ is a torque u = Γ a, Γ the limits of the motors; and the reward is
+An observation consists of the features of `laws.learned.features`; a trained policy computes them with the same code on
+a robot. An action a in [-1, 1]ⁿ is a torque u = Γ a with the torque limits Γ of the motors. The reward is
 
     1 - ln(1 + d/s) / ln(1 + R/s),    d the distance of the tip from its reference, s = 0.1 mm, R = 0.2 m.
 
@@ -45,25 +45,25 @@ from fuzzyarm.policies.spec import without_guest
 
 __all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "learning_draws", "tracking_reward"]
 
-EARLY_END = 0.2  # R [m]; an arm that has lost its path by so much teaches nothing about tracking it
-RESOLUTION = 1e-4  # s [m]; below it the reward is flat, and the best fixed laws err by 0.2 mm under a load
-BOUND = 10.0  # of every number of an observation
-_REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
-_MOST_AHEAD = 10_000  # holds
+EARLY_END = 0.2  # R [m]; an arm so far from its path teaches nothing about tracking
+RESOLUTION = 1e-4  # s [m]; below it the reward is flat; the best fixed laws have errors of 0.2 mm under a load
+BOUND = 10.0  # on the magnitude of every entry of an observation
+_REFERENCES, _CIRCLES = 256, 64  # numbers of references to draw from: the family, and a fifth that are the default one
+_MOST_AHEAD = 10_000  # action periods
 _TIP_ERROR, _REWARD, _TRUNCATED, _REASON = map(SCALARS.index, ("tip_error", "reward", "truncated", "reason"))
-_SHIELDED = 1e-3  # s, of an action beside a law, for which the bounds of shields are proven
+_SHIELDED = 1e-3  # action period [s] with a shield, the one for which bounds on shields are proven
 _MEMORY = ("memory", "base_memory", "seen", "action")
 
 
 class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
-    """A batch of `FuzzyArmLearnEnv`: lane i is the single environment with the same seed, bit for bit.
+    """A batch of `FuzzyArmLearnEnv`: each lane equals the single environment with the lane's seed, bit for bit.
 
     Create it with ``gym.make_vec("FuzzyArmLearn-v0", num_envs=64)``. Arguments are those of `FuzzyArmLearnEnv` and the
-    `num_envs`, `threads` and `autoreset_mode` of `FuzzyArmVectorEnv`, whose infos these are.
+    `num_envs`, `threads` and `autoreset_mode` of `FuzzyArmVectorEnv`. The infos are also those of `FuzzyArmVectorEnv`.
 
     Attributes:
-        features: what an observation holds, for the bundle of a trained policy.
-        action: what an action means, for the same bundle.
+        features: definition of an observation, for the bundle of a trained policy.
+        action: definition of an action, for the same bundle.
     """
 
     @made_from_json
@@ -141,7 +141,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode in every lane, or in those of a mask; seeds and options as for `FuzzyArmVectorEnv`."""
+        """Begin an episode in every lane or in the lanes of a mask; seeds and options as for `FuzzyArmVectorEnv`."""
         observation, info = super().reset(seed=seed, options=options)
         mask = None if options is None else options.get(RESET_MASK)
         which = slice(None) if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
@@ -154,11 +154,11 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         given = np.clip(real_numbers("actions", actions), -1.0, 1.0)
         if given.shape != self._action.shape:
             raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}, numbers in [-1, 1]")
-        begun, smoothing = self._over, self.action.smoothing  # these lanes begin an episode instead of a step
+        begun, smoothing = self._over, self.action.smoothing  # these lanes begin an episode and do not step
         self._action = smoothing * self._action + (1.0 - smoothing) * given
         torque = np.array(self.action.scale) * self._action
         self._arms.act(self._seen, self._action, torque, self._memory, self._base_memory)
-        rows = self._rows + np.array([[[1]], [[0]]])  # after this step, of the motion that may end with it
+        rows = self._rows + np.array([[[1]], [[0]]])  # after this step, in the schedule of the motion that it may end
         observation, reward, terminated, truncated, info = super().step(torque)
         if "final_obs" in info:
             begun = np.flatnonzero(terminated | truncated)
@@ -220,15 +220,15 @@ def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
 def learning_draws(arm: AnyArm) -> DomainRandomisation:
     """Return the randomisation of the registered task for an arm.
 
-    ``robust`` (plants, load, force, start), with 256 references of the family, and the default reference in one of five
-    episodes.
+    This is ``robust`` (plants, load, force, initial state) with 256 references of the family, and with the default
+    reference in one of five episodes.
     """
     references = (*reference_family(arm, _REFERENCES), *[default_reference(arm)] * _CIRCLES)
     return dataclasses.replace(find_randomisation("robust", arm), references=references)
 
 
 def _flat(info: dict[str, Any]) -> dict[str, Any]:
-    """Return an info without a mapping in it, which some learners could not register."""
+    """Return an info without its nested mapping, which some learning libraries cannot process."""
     drawn = info.pop("randomisation", {})
     info.pop("_randomisation", None)
     renamed = {("_drawn" if name.startswith("_") else "drawn_") + name: value for name, value in drawn.items()}
@@ -236,13 +236,13 @@ def _flat(info: dict[str, Any]) -> dict[str, Any]:
 
 
 class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
-    """The arm of ``FuzzyArm-v0`` as a task for learners with default settings.
+    """The arm of ``FuzzyArm-v0`` as a task for learning algorithms with default settings.
 
     ## Description
-    The plant, its sensors, limits and disturbances are those of `FuzzyArmEnv`. An action is a share of the torque, held
-    for 2 ms; the errors of the motors fill an observation's range, however small they are; and the reward distinguishes
-    1 mm from 0.1 mm as well as 100 mm from 10 mm. Every episode draws plant, load, start and path, so memorising one
-    circle does not help.
+    The plant, its sensors, limits and disturbances are those of `FuzzyArmEnv`. An action is a fraction of the torque
+    limits, held for 2 ms. Errors of the motors are compressed so that even small ones fill an observation's range. The
+    reward distinguishes 1 mm from 0.1 mm as well as 100 mm from 10 mm. Every episode draws plant, load, initial state
+    and path, so memorising one circle does not help.
 
     ## Action space
     `Box(-1, 1, (2,))`: u = (500, 250) a N m, the limits of the motors; larger numbers are clipped.
@@ -258,7 +258,8 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     | 6-7 | q̇_d / (5 rad/s) | reference velocities |
     | 8-9 | q̈_d / (50 rad/s²) | reference accelerations |
 
-    `history=k` appends f of the last k errors, the last k actions and f(∫e / 0.1 mrad s), which leaks with 0.1 s.
+    `history=k` appends f of the last k errors, the last k actions and f(∫e / 0.1 mrad s), where the integral leaks with
+    a time constant of 0.1 s.
     `preview=(j, ...)` appends the scaled references j periods later, for each j.
 
     ## Rewards
@@ -269,19 +270,20 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     At rest near the reference, each joint within ± 10 mrad of it, drawn from the seed.
 
     ## Episode end
-    Terminated with the reward 0 where d > R, and where `FuzzyArmEnv` terminates; truncated at the end of the reference.
+    Terminated with the reward 0 if d > R or if `FuzzyArmEnv` terminates; truncated at the end of the reference.
 
     ## Info
-    That of `FuzzyArmEnv`, including its `reward_tracking` and `reward_effort`, which are not parts of this reward, with
-    the entries of `randomisation` flattened to `drawn_mass` and so on.
+    The info of `FuzzyArmEnv`, including its `reward_tracking` and `reward_effort`, which are not parts of this reward.
+    The entries of `randomisation` are flattened to `drawn_mass` and so on.
 
     ## Arguments
-    `history` (default none: it improved no run), `preview` in holds (default none, as for the fixed laws in
-    comparisons), `early_end` R [m], and `features` and `action`, definitions from a policy's bundle that replace the
-    registered ones. `shield="fuzzy-4-tip:4,2"` makes the learner a guest of that law, u = u_f + (4, 2) a held for 1 ms,
-    with a bound of the tip whatever it learns. `case`, `disturbance`, `reference`, `parameters`, `robot` and
-    `randomisation` are those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`;
-    with your own case, disturbance or reference, nothing is drawn unless `randomisation` is given.
+    `history` (default none, since it improved no training run), `preview` in action periods (default none, as for the
+    fixed laws in comparisons), `early_end` R [m], and `features` and `action`, definitions from a policy's bundle that
+    replace the registered ones. `shield="fuzzy-4-tip:4,2"` makes the learner a guest of that law, u = u_f + (4, 2) a
+    held for 1 ms; a bound on the tip error then holds whatever the learner does. `case`, `disturbance`, `reference`,
+    `parameters`, `robot` and `randomisation` are as for `FuzzyArmEnv`. By default the case is machining and episodes
+    are drawn from `learning_draws`; with your own case, disturbance or reference, nothing is drawn unless
+    `randomisation` is given.
 
     Examples:
         >>> env = FuzzyArmLearnEnv(case="payload")
@@ -309,7 +311,7 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode; options as for `FuzzyArmEnv`."""
+        """Begin an episode; options as for `FuzzyArmEnv`."""
         super().reset(seed=None if seed is None else checks.whole("seed", seed))
         observation, info = self._lane.reset(seed=seed, options=options)
         self._over = False
@@ -325,7 +327,7 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
 
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the info of the only lane, with plain numbers and arrays of its own."""
+    """Return the info of the only lane, with plain numbers and copied arrays."""
     one: dict[str, Any] = {}
     for name, value in info.items():
         if not name.startswith("_"):

@@ -34,20 +34,20 @@ def learning_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
 class StableBaselinesVecEnv(VecEnv):
     """A Gymnasium vector environment with same-step autoreset, for the algorithms of stable-baselines3.
 
-    A step is one call for the whole batch; Python loops only over lanes whose episode ends. Their info
-    holds ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l`` and seconds ``t``
-    since the start, as `Monitor` gives them, and the mean ``tip_error`` [m]) and, if it was terminated, ``reason``. The
-    running lanes share one empty info.
+    A step is one call for the whole batch; Python loops only over lanes whose episode ends. The info of these lanes
+    contains ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l`` and seconds
+    ``t`` since the start, as `Monitor` gives them, and the mean ``tip_error`` [m]) and, if the episode was terminated,
+    ``reason``. The other lanes share one empty info.
 
     Args:
-        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped, which must then not be stepped elsewhere;
-            `learning_envs` makes it for ``FuzzyArmLearn-v0``.
+        envs: such as ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere. For
+            ``FuzzyArmLearn-v0`` call `learning_envs` instead.
 
     Raises:
         ValueError: the environment does not reset itself within the step.
 
     Attributes:
-        vector_info: info of the last step or reset as Gymnasium's vector environments give it, arrays by name.
+        vector_info: info of the last step or reset in the format of Gymnasium's vector environments: arrays by name.
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
@@ -96,9 +96,9 @@ class StableBaselinesVecEnv(VecEnv):
         return {**state, **{name: getattr(self, f"_{name}").copy() for name in _OWN_STATE}}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`.
+        """Restore the state of an environment with the same arguments; continue with `step`, not with `reset`.
 
-        TypeError or ValueError, without a change, if the state does not fit, see `FuzzyArmVectorEnv.set_state`.
+        If the state does not fit, raise TypeError or ValueError and change nothing, see `FuzzyArmVectorEnv.set_state`.
         """
         own = checked_arrays(state, {name: getattr(self, f"_{name}") for name in _OWN_STATE})
         _attribute(self.envs, "set_state")({name: array for name, array in state.items() if name not in own})
@@ -125,7 +125,7 @@ class StableBaselinesVecEnv(VecEnv):
         raise NotImplementedError(f"{method_name!r} cannot be called: lanes have no environment objects of their own")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """Return whether the lanes are wrapped: in `Monitor`, whose ``episode`` infos they have, and no other."""
+        """Return, for each lane, True for `Monitor`, whose ``episode`` infos the lanes provide, else False."""
         return [issubclass(Monitor, wrapper_class)] * len(self._chosen(indices))
 
     def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:

@@ -59,20 +59,20 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
 
     Equations, reward, episode ends, observations and the meaning of the arguments are those of
     `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same plants,
-    references and noise as the NumPy environment with seed s + i, on every device; in float64 it is the same
-    trajectory up to rounding.
+    references and noise as the NumPy environment with seed s + i, on every device; in float64 the trajectories also
+    agree up to rounding.
 
         envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
         observation, info = envs.reset(seed=0)
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
 
-    A lane that ends begins its next episode within the same step: its observation is then the new episode's first,
-    while reward, flags and `info` are about the one that ended. Every entry of `info` is a tensor with a row per lane:
+    A lane that ends begins its next episode within the same step: its observation is then the new episode's first one,
+    while reward, flags and `info` belong to the ended one. `info` consists of tensors with a row per lane:
 
     | key | what | unit |
     | --- | --- | --- |
     | final_obs | (n, 5 joints) observation before a new episode began; in the other lanes the observation itself | SI |
-    | tip | (n, 2 or 3) of the links | m |
+    | tip | (n, 2 or 3) position of the tip | m |
     | tip_error | (n,) distance of the tip from its reference | m |
     | reward_tracking, reward_effort | (n,) parts of the reward | |
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
@@ -81,19 +81,19 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     An action that is not finite raises no error, which would require waiting for the device: the lane's state stays,
     its reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.
 
-    Tensors that a step returned keep their values. `state` and `randomisation_info` are for privileged critics and for
-    inspection.
+    Later steps do not change the tensors that a step returned. `state` and `randomisation_info` are for privileged
+    critics and for inspection.
 
     With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step
-    while motors slip, and while they stick: then 0, since their velocity stays 0 under any small change. There is
-    no derivative at a border (a motor at the torque that frees it, a torque at its limit, a tip on its target), and the
-    gradient is that of one side, the mean of both, or 0. Beyond its limit a torque has gradient 0. No gradient reaches
-    an episode from the one before. The state carries the graph of all steps since `reset` or `detach`.
+    while motors slip, and also while they stick; the derivatives are then 0, since the velocity stays 0 under any small
+    change. At a border (a motor at the torque that frees it, a torque at its limit, a tip on its target) no derivative
+    exists, and the gradient is that of one side, the mean of both, or 0. A torque beyond its limit has gradient 0.
+    Gradients do not cross episodes. The state carries the graph of all steps since `reset` or `detach`.
 
     Args:
         num_envs: number of lanes n.
-        device: of all tensors.
-        dtype: torch.float32 or torch.float64, of the state, the physics and all results. Over the paper's episodes the
+        device: device of all tensors.
+        dtype: torch.float32 or torch.float64, for the state, the physics and all results. Over the paper's episodes the
             tip of the float32 arm stays within 0.1 µm of the float64 one (the sub-step itself costs 0.2 to 0.9 µm).
         compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
             finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
@@ -140,13 +140,13 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         self.substep = self.control_period / self.substeps
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
-        with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other
+        with torch.inference_mode(False):  # tensors made in inference mode could not be changed outside it
             acting = chosen_disturbance(case, disturbance, self.parameters)
             own = chosen_reference(reference, self.randomisation, self.parameters)
             self._shared = self._build(acting, own)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
             equations = self._shared.equations
-            # float32 angles have a rest each
+            # In float32 each angle has a rest.
             count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
@@ -155,7 +155,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             self._take = _compile_step(self._take)
         self._begun = False
 
-    @property  # made when asked for: 2^26 lanes of it would fill the memory
+    @property  # made on demand: for 2^26 lanes it would fill the memory
     def observation_space(self) -> gym.Space[Any]:  # type: ignore[override]
         """The space of the observations of all lanes."""
         return batch_space(self.single_observation_space, self.num_envs)
@@ -198,7 +198,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
 
         Args:
             seed: lane i gets the random stream of seed + i. None: the streams continue, initially from 0.
-            options: none are known.
+            options: must be empty; there are no options.
         """
         if options:
             raise ValueError(
@@ -242,7 +242,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             with torch.no_grad():
                 outcome: Outcome = self._take(self._shared, self._lanes, torque.detach().contiguous())
             return outcome
-        # What was compiled holds for inputs of the kind and in the mode that it saw: each of them has a gradient.
+        # Compiled code is valid only for inputs like those of its first call, all of which require gradients.
         with torch.enable_grad():
             numbers = tuple(map(_tracked, self._lanes.numbers))
             self._lanes, outcome = self._take(self._shared, self._lanes._replace(numbers=numbers), _tracked(torque))
@@ -272,14 +272,14 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             substeps=self.substeps,
             spans=Table(np.stack([np.cumsum(steps) - steps, steps], axis=-1), like.to(torch.int64)),
             starts=Table(np.array([one.references[0] for one in built]), like),
-            # What acts in a step, beside what the arm is compared with after it.
+            # In each row, what acts during a step and what the arm is compared with after it.
             rows=Table(np.concatenate([by_step(one) for one in built]), like),
             early_end=self.early_end,
         )
 
 
 def _tracked(numbers: Tensor) -> Tensor:
-    """Return a tensor that has a gradient: itself if it has one."""
+    """Return the tensor if it requires a gradient, otherwise a copy that does."""
     return numbers.contiguous() if numbers.requires_grad else numbers.detach().clone().contiguous().requires_grad_()
 
 
@@ -307,7 +307,7 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
     # One kernel for the whole step: by default the compiler cuts it after 64 operations, and the arm's state goes
     # through memory at each cut.
     options: dict[str, Any] = {"max_fusion_size": 1_000_000, "guard_filter_fn": torch.compiler.skip_all_guards_unsafe}
-    # torch counts the compiled versions of each code object and gives up after eight: every batch has its own.
+    # torch counts the compiled versions of each code object and gives up after eight, so every batch has its own.
     own = types.FunctionType(function.__code__.replace(), function.__globals__)
     graph = torch.compile(own, fullgraph=True, dynamic=False, options=options)
     first = [_announced_compilation()]
@@ -331,10 +331,10 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextlib.contextmanager
 def _announced_compilation() -> Iterator[None]:
-    """Print on a terminal what the enclosed call does, if it takes more than a second."""
+    """Print a message on a terminal if the enclosed call takes more than a second."""
     message = (
         "TorchFuzzyArm: compiling the step (up to a minute, or a tenth of that if torch has cached it on disk) ..."
     )
-    with announced(message), warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
+    with announced(message), warnings.catch_warnings():  # the compiler reads .grad of every input
         warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
         yield

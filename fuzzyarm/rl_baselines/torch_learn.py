@@ -26,10 +26,11 @@ __all__ = ["TorchFuzzyArmLearn"]
 class TorchFuzzyArmLearn(TorchFuzzyArm):
     """A batch of ``FuzzyArmLearn-v0`` whose observations, actions and rewards are tensors on the CPU or a GPU.
 
-    Observation, action, reward and ends are those of `fuzzyarm.rl_baselines.learning_task.FuzzyArmLearnEnv`: lane i of
-    a batch that was reset with ``seed=s`` is the single environment with seed s + i up to rounding. As in
-    `TorchFuzzyArm`, a lane that ends begins its next episode within the same step; `info` has its entries, with the
-    last features as ``final_obs``, and ``lost`` (n,), whether the tip was farther than `early_end` from its reference.
+    Observation, action, reward and episode ends are those of `fuzzyarm.rl_baselines.learning_task.FuzzyArmLearnEnv`:
+    lane i of a batch that was reset with ``seed=s`` equals the single environment with seed s + i up to rounding. A
+    lane that ends begins its next episode within the same step, as in `TorchFuzzyArm`. `info` has the entries of
+    `TorchFuzzyArm`, with the last features as ``final_obs``, and ``lost`` (n,), whether the tip was farther than
+    `early_end` from its reference.
 
     Args:
         num_envs: number of lanes.
@@ -79,7 +80,7 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Hold the torques of `action` (n, joints) in [-1, 1] for 2 ms; larger ones are clipped."""
         given = torch.as_tensor(action, dtype=self.dtype, device=self.device).clip(-1.0, 1.0)
-        torque = given * self._scale if given.shape[-1:] == self._scale.shape else given  # which is refused there
+        torque = given * self._scale if given.shape[-1:] == self._scale.shape else given  # which super().step refuses
         after, _, terminated, truncated, info = super().step(torque)
         if len(self._memory):
             memory, seen = self._remembered(), _parts(self._seen)

@@ -1,8 +1,8 @@
-"""The trainer: a training run of any algorithm in a folder, which can be killed and resumed.
+"""The trainer: a training run of any algorithm in a folder; the run can be killed and resumed.
 
-After every update of the algorithm the trainer writes a row of the curve, and when they are due an evaluation, the
-policy bundles and a checkpoint. The bundle is evaluated on the paper's three cases as it is shipped, in NumPy at 1 kHz.
-A run that was killed and resumed gives the same bits as an uninterrupted one.
+After every update of the algorithm the trainer writes a row of the learning curve; at the configured intervals it also
+evaluates the policy and writes the policy bundles and a checkpoint. The bundle is evaluated as it is shipped, on the
+paper's three cases, in NumPy at 1 kHz. A run that was killed and resumed gives the same bits as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, learning_en
 __all__ = ["CHECKPOINT", "Training", "default_scale"]
 
 CHECKPOINT = "checkpoint.pt"
-"""File of the last checkpoint in the folder of a training."""
+"""Name of the file with the last checkpoint in the folder of a training run."""
 
 _CURVE = "curve.csv"
-_TIMES = "run.json"  # apart from the bundles, which are the same for every run with the same seed
+_TIMES = "run.json"  # not in the bundles, which are equal for all runs with the same seed
 _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which policies are compared
 
 
@@ -60,11 +60,11 @@ class Training:
     """A training run in its folder, new or resumed; nothing is written before `run`.
 
     Attributes:
-        config: the settings; their class decides on the algorithm.
-        folder: output folder; made if needed.
-        report: called after every update with the row of the curve.
+        config: the settings; their class determines the algorithm.
+        folder: output folder; created if needed.
+        report: called after every update with the new row of the learning curve.
         algorithm: the learning algorithm, on the arms `envs`.
-        rows: the curve so far, one mapping per update.
+        rows: the learning curve so far, one mapping per update.
         best: smallest score so far [mm], see `_ship`.
 
     Raises:
@@ -78,29 +78,29 @@ class Training:
         self.config, self.folder, self.report = config, folder, report
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
-        self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
+        self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of earlier runs, up to the checkpoint
         self._spec, self.arm = algorithm_of(config), chosen_arm(config.robot, None)
-        self._base: Policy | None = None  # as it is evaluated
+        self._base: Policy | None = None  # at the control period of the evaluation
         if config.base != "none":
-            if not resolve(config.base).named:  # a bundle names its base, not what is in a file
+            if not resolve(config.base).named:  # a bundle stores the name of its base, not a file
                 names = ", ".join(known_names())
                 raise ValueError(f"base = {shown(config.base)} is not the name of a policy; choose from: {names}")
             self._base = load_policy(config.base, control_period=_EVALUATION_PERIOD, robot=self.arm)
         self.envs = _envs_of(config)
         self.algorithm = self._spec.create(config, self.envs)
-        self._shipped_policy()  # refuses before the training what could not be shipped after it
+        self._shipped_policy()  # raises before training if the policy could not be shipped afterwards
 
     @classmethod
     def resume(cls, config: TrainingConfig, folder: Path) -> Training:
-        """Return the training of a folder as it was at its last checkpoint.
+        """Return the training run in a folder as of its last checkpoint.
 
         `config` must equal the original one, except for `checkpoint_interval` and `total_timesteps`: a larger total
-        extends the training, and finished steps keep their bits. A schedule over the training, such as the learning
-        rate of PPO, continues as if this had been the total from the beginning: it may jump here.
+        extends the run and leaves the bits of finished steps unchanged. A schedule over the run, such as the learning
+        rate of PPO, continues as if the new total had been set from the beginning; its value may therefore jump here.
 
         Raises:
-            CheckpointError: there is no checkpoint, it is damaged, of another algorithm, arm or configuration, or it
-                does not fit.
+            CheckpointError: the checkpoint is missing, damaged, of another algorithm, arm or configuration, or does not
+                fit.
             ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
@@ -114,7 +114,7 @@ class Training:
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} contains a training run with {found['algorithm']}; choose another folder")
         was, now = begun.to_dict(), config.to_dict()
-        free = ("total_timesteps", "checkpoint_interval")  # on which what is learned does not depend
+        free = ("total_timesteps", "checkpoint_interval")  # they do not affect what is learned
         other = [name for name in {**was, **now} if name not in free and was.get(name) != now.get(name)]
         if other:
             name = other[0]
@@ -151,7 +151,7 @@ class Training:
         """Train to the end and return the bundle, which is also written.
 
         Raises:
-            OSError: something cannot be written; the last checkpoint is intact.
+            OSError: a file cannot be written; the last checkpoint is intact.
         """
         self._begun = _clocks()
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -167,7 +167,7 @@ class Training:
         return self.bundle()
 
     def bundle(self) -> PolicyBundle:
-        """Return the current policy as it is shipped."""
+        """Return the bundle of the current policy, as it is shipped."""
         config, spec, robot = self.config, self._spec, robot_of(self.arm)
         return PolicyBundle(
             features=config.features,
@@ -213,14 +213,14 @@ class Training:
         self.report(row)
 
     def _shipped_policy(self) -> LearnedPolicy:
-        """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
+        """Return the policy as it is evaluated: from its bundle, at `_EVALUATION_PERIOD`."""
         return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, self.arm, self._base)
 
     def _ship(self, row: dict[str, Any]) -> None:
-        """Write the bundle as the last one, and also as the best one if it is.
+        """Write the bundle as the last one, and also as the best one if its score is the smallest so far.
 
-        The score is the mean rms tip error over the cases in the distribution; a policy that ends one early is never
-        the best.
+        The score is the mean rms tip error over the cases of the distribution; a policy that ends an episode early is
+        never the best.
         """
         bundle = self.bundle()
         bundle.save(self.folder / LAST)
@@ -246,7 +246,7 @@ class Training:
         write_checkpoint(self.folder / CHECKPOINT, content)
 
     def _elapsed(self) -> tuple[float, float]:
-        """Return wall and processor time of the training [s], without work lost when a run was killed."""
+        """Return wall and processor time of the training run [s], without the work lost when it was killed."""
         (wall, cpu), (earlier_wall, earlier_cpu), (begun_wall, begun_cpu) = _clocks(), self._earlier, self._begun
         return earlier_wall + wall - begun_wall, earlier_cpu + cpu - begun_cpu
 

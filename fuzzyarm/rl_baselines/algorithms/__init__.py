@@ -24,7 +24,7 @@ ALGORITHMS = Registry[AlgorithmSpec](__name__, {spec.name: spec for spec in _shi
 
 
 def add_algorithm(spec: AlgorithmSpec) -> None:
-    """Register an algorithm by name and class of settings; ValueError if either is taken."""
+    """Register an algorithm; ValueError if its name or its class of settings is already registered."""
     if spec.name in ALGORITHMS:
         raise ValueError(f"algorithm {spec.name!r} already exists; choose another name")
     for other in ALGORITHMS.values():
@@ -41,7 +41,7 @@ def find_algorithm(name: str) -> AlgorithmSpec:
 
 
 def algorithm_of(config: TrainingConfig) -> AlgorithmSpec:
-    """Return the algorithm whose settings these are; ValueError if there is none."""
+    """Return the algorithm that is configured by the class of `config`; ValueError if there is no such algorithm."""
     for spec in ALGORITHMS.values():
         if type(config) is spec.config:
             return spec

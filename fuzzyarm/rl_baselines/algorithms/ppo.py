@@ -1,7 +1,7 @@
-"""PPO of stable-baselines3: its settings, its presets and its part of a training.
+"""PPO from stable-baselines3: its settings, its presets and its share of a training run.
 
-The settings have the names used by `stable_baselines3.PPO`. torch and stable-baselines3 are imported when a
-training begins, so that settings and presets can be read without them.
+The settings have the names used by `stable_baselines3.PPO`. torch and stable-baselines3 are imported only when a
+training run begins, so that settings and presets can be read without them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["PRESETS", "SPEC", "PPOConfig"]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PPOConfig(TrainingConfig):
-    """The settings of a training with PPO, with the names of `stable_baselines3.PPO`."""
+    """The settings of a training run with PPO, named as in `stable_baselines3.PPO`."""
 
     n_steps: int = 32
     """Steps of each lane between two updates, at least 2."""
@@ -40,7 +40,7 @@ class PPOConfig(TrainingConfig):
     final_learning_rate: float = 1e-5
     """Learning rate of Adam at the end; in between, the rate falls linearly."""
     gamma: float = 0.99
-    """Discount factor of a step (0 to 1)."""
+    """Discount factor per step (0 to 1)."""
     gae_lambda: float = 0.95
     """Factor λ of generalised advantage estimation (0 to 1)."""
     clip_range: float = 0.2
@@ -56,10 +56,10 @@ class PPOConfig(TrainingConfig):
     log_std_init: float = 0.0
     """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
     asymmetric_critic: bool = False
-    """Give the value function also what no sensor measures: errors of tip and links, force, plant and payload."""
+    """Let the value function also observe unmeasured quantities: errors of tip and links, force, plant and payload."""
     smoothness: float = 0.0
-    """Coefficient of the smoothness of actions in the loss (CAPS): mean square of the difference of the policy's means
-    at the features and at these plus noise of 0.05."""
+    """Coefficient of the smoothness term in the loss (CAPS): the mean square difference between the policy's mean
+    actions at the features and at the features plus noise of 0.05."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,7 +90,7 @@ PRESETS: dict[str, PPOConfig] = {
         past_actions=2, integral_time=0.1, log_std_init=-1.5,
     ),
 }  # fmt: skip
-"""Settings by name: of what a policy is to follow, and of what it acts beside."""
+"""Presets by name: for two distributions of episodes, and for a policy with a base."""
 
 _SAME = (
     "n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm", "seed",
@@ -103,7 +103,7 @@ _LOGGED = {
 
 
 class _PPOAlgorithm:
-    """PPO during a training run, see `Algorithm`."""
+    """PPO during a training run, see `_Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: StableBaselinesVecEnv) -> None:
         import torch
@@ -129,11 +129,11 @@ class _PPOAlgorithm:
         self.model = PPO(
             policy,
             shown,
-            # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
+            # `remaining` falls from 1 to 0 over the run, and below 0 in a last update that goes past the end.
             learning_rate=lambda remaining: max(last + (first - last) * remaining, 0.0),
             policy_kwargs=networks,
             device="cpu",
-            # The smoothness stands where PPO has the entropy, see `GuidedPolicy`.
+            # The smoothness term replaces the entropy term, see `GuidedPolicy`.
             ent_coef=1.0 if config.smoothness else config.ent_coef,
             target_kl=config.target_kl or None,
             **{name: getattr(config, name) for name in _SAME},
@@ -147,13 +147,13 @@ class _PPOAlgorithm:
         return int(self.model.num_timesteps)
 
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
-        """Continue to the end; see `Algorithm.learn`."""
+        """Continue to the end; see `_Algorithm.learn`."""
         from stable_baselines3.common.callbacks import BaseCallback
 
         algorithm, begun = self, self.steps
 
         class AfterUpdate(BaseCallback):
-            """Calls back after each update: at the beginning of the next rollout, and at the end."""
+            """A callback after each update: at the beginning of the next rollout, and at the end of the run."""
 
             def _on_step(self) -> bool:
                 return True
@@ -182,7 +182,7 @@ class _PPOAlgorithm:
         return row | {name: float(logged[f"train/{key}"]) for name, key in _LOGGED.items()}
 
     def network(self) -> Network:
-        """Return the mean of the Gaussian policy."""
+        """Return the network that computes the mean action of the Gaussian policy."""
         import torch
 
         from fuzzyarm.fuzzy_policy.laws.learned.network import Network
@@ -214,7 +214,7 @@ class _PPOAlgorithm:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from a result of `state`, see `Algorithm.set_state`."""
+        """Restore a result of `state`, see `_Algorithm.set_state`."""
         from fuzzyarm.rl_baselines._checkpoint import check_learner
 
         model, policy = self.model, self.model.policy
@@ -236,4 +236,4 @@ SPEC = AlgorithmSpec(
     columns=(*_LOGGED, "smoothness_loss"),
     libraries=("torch", "stable-baselines3"),
 )
-"""PPO as it is registered."""
+"""PPO's entry in `ALGORITHMS`."""

@@ -1,1 +1,1 @@
-"""The training of `learned-observer`: regression on a teacher that knows plant and load, while the student drives."""
+"""Training of `learned-observer`: regression on a teacher that knows plant and load, while the student drives."""

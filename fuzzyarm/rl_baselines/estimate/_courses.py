@@ -1,18 +1,19 @@
 """The distribution of training episodes: courses, plants, loads, sensors and drives, drawn for each lane.
 
-Cases 2 and 3 are not among the draws, nor are the courses and seeds of the comparisons. Courses are those of
-`reference_family`; in a quarter of the lanes the default one; in a sixth a circle of millimetres, or for a robot a
-spline as small, on which the arm hardly moves, so that the student learns to rest under a load. In a quarter of the
-draws all lanes have the known arm. Loads are a payload at the tip and one force:
+Cases 2 and 3 and the courses and seeds of the comparisons are not among the draws. A course is drawn from
+`reference_family`, but a quarter of the lanes follow the default reference, and a sixth a circle of millimetres (for a
+robot, an equally small spline), on which the arm hardly moves, so that the student learns to rest under a load. In a
+quarter of the draws all lanes have the known arm. A load is a payload at the tip and one of these forces:
 
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
-v the velocity of the tip and Q a rotation: by nothing (along the course) or by any angle (across it). Pushes have any
+with v the velocity of the tip and Q a rotation by zero (along the course) or by any angle (across it). Pushes have any
 direction in which the tip can move, a plane or space; Q turns in that plane, or in space about any axis. Forces,
-payloads and millimetres are those of Table 1 times the numbers of `units.scale_of`: for a robot, they use the same
-share of a motor's torque limit along its default course, or scale with the reach. Encoders are noisy in half of the
-lanes, in half of these only by rounding errors; torques are delayed in a quarter of them, by 0.5 to 2 control periods.
-Lanes that need more than nine tenths of the torque limits are drawn again, because infeasible motions teach nothing.
+payloads and small courses are those for the arm of Table 1 times the factors of `signals.scale_of`: for a robot, forces
+and payloads use the same share of a motor's torque limit along its default course, and lengths scale with the reach.
+Encoders are noisy in half of the lanes, in half of these only by rounding errors; torques are delayed in a quarter of
+the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again,
+because infeasible motions teach nothing.
 """
 
 from __future__ import annotations
@@ -43,15 +44,15 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 
 __all__ = ["Courses", "TravelForce", "draw_courses"]
 
-_FAMILY = 256  # references of which lanes draw
-_CIRCLES, _RESTS = 0.25, 0.16  # share of lanes on the default reference and all but at rest
-KNOWN = 0.25  # share of the draws of all lanes with the known arm
-_SMALLEST, _LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres of the arm of Table 1
-_STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, of the arm of Table 1
+_FAMILY = 256  # references from which lanes draw
+_CIRCLES, _RESTS = 0.25, 0.16  # shares of lanes on the default reference and almost at rest
+KNOWN = 0.25  # share of the draws in which all lanes have the known arm
+_SMALLEST, _LARGEST = 5e-4, 5e-3  # m, radii of the small circles for the arm of Table 1
+_STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, largest force and payload for the arm of Table 1
 _FADES = 5e-3, 0.1  # m/s, range of v_0
 _LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
-_TRIES = 100  # draws for each lane, after which the motors are too weak for what is drawn
-_BEARABLE, _INSTANTS = 0.9, 120  # share of the torque limits; instants at which it is looked at
+_TRIES = 100  # draws per lane, after which the motors count as too weak for the loads
+_BEARABLE, _INSTANTS = 0.9, 120  # largest share of the torque limits; instants at which it is checked
 _NOISIEST, _LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
 _PLANE = 2  # directions in which the tip of a planar robot can move
@@ -82,9 +83,9 @@ class Courses:
     """The drawn plants, loads, sensors and references of lanes."""
 
     lanes: Lanes  # the arms
-    start: np.ndarray  # (lanes, 4 n) where episodes begin; nan: at rest on the reference
+    start: np.ndarray  # (lanes, 4 n) initial states; nan: at rest on the reference
     noise: np.ndarray  # (lanes,) of the encoders, in units of `NOISE`
-    delay: np.ndarray  # (lanes,) lateness of the torques [control periods], in halves
+    delay: np.ndarray  # (lanes,) delay of the torques [control periods], in halves
     payload: np.ndarray  # (lanes,) mass at the tip [kg]
 
 
@@ -145,7 +146,7 @@ def _family(arm: AnyArm) -> tuple[Reference, ...]:
 def _force(
     span: np.ndarray, axes: int, duration: float, scale: float, generator: np.random.Generator
 ) -> TipForce | None:
-    """Return a force, or none, along what orthonormal rows (·, 3) span, of which some axes are the tip's."""
+    """Return a random force or None; it acts in the span of orthonormal rows (·, 3), cut to `axes` entries."""
     kind = generator.random()
     if kind < 0.15:
         return None
@@ -166,7 +167,7 @@ def _force(
 
 
 def _direction(span: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """Return a unit vector (3,), evenly from those that two or three orthonormal rows (·, 3) span."""
+    """Return a uniformly distributed unit vector (3,) in the span of two or three orthonormal rows (·, 3)."""
     angle = generator.uniform(-math.pi, math.pi)
     height = generator.uniform(-1.0, 1.0) if len(span) > _PLANE else 0.0
     flat = math.cos(angle) * span[0] + math.sin(angle) * span[1]
@@ -176,7 +177,7 @@ def _direction(span: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tuple[tuple[float, ...], ...]:
     """Return Q = cos φ 1 + sin φ [a]× + (1 - cos φ) a aᵀ, (axes, axes).
 
-    φ is 0 or any angle, a is across the plane that is spanned, or any direction in space.
+    φ is 0 or any angle; a is the normal of the spanned plane, or any direction in space.
     """
     angle = 0.0 if generator.random() < 0.7 else generator.uniform(-math.pi, math.pi)
     a = _direction(span, generator) if len(span) > _PLANE else np.cross(*span)
@@ -186,7 +187,7 @@ def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tu
 
 
 def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
-    """Return a slow course of millimetres: a circle between 0.45 and 0.85 of the reach, or a robot's spline."""
+    """Return a slow course of millimetres: a circle at 0.45 to 0.85 of the reach, or a spline for a robot."""
     if isinstance(arm, Robot):
         return _small_spline(arm, generator)
     reach, nearest = sum(arm.length), abs(arm.length[0] - arm.length[1])
@@ -198,7 +199,7 @@ def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
 
 
 def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
-    """Return a spline of millimetres about a posture of the robot's family: to two places beside it and back."""
+    """Return a spline of millimetres from a posture of the robot's family to two nearby postures and back."""
     family = _family(robot)
     course = family[int(generator.integers(len(family)))]
     assert isinstance(course, SplineReference)
@@ -211,7 +212,7 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
 
 
 def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal robot follows a reference under a load with `_BEARABLE` of its torques."""
+    """Return whether the rigid nominal robot follows a reference under a load within `_BEARABLE` of its limits."""
     time = np.linspace(0.0, reference.duration, _INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")

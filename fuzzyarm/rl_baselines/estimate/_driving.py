@@ -18,22 +18,22 @@ __all__ = ["Chunk", "Drive"]
 
 
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
-_LATEST = 4  # torques that may be on their way
-_RESTARTS = 0.5  # share of the lanes that begin an episode again with each chunk, for a load is hardest when it comes
+_LATEST = 4  # sent torques that are kept for the delay
+_RESTARTS = 0.5  # share of the lanes that restart with each chunk, since the onset of a load is hardest
 
 
 class Chunk(NamedTuple):
-    """Experience for learning."""
+    """A chunk of experience for learning."""
 
     z: torch.Tensor  # (steps, lanes, numbers of z)
     c: torch.Tensor  # (steps, lanes, numbers of c)
-    label: torch.Tensor  # (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ
+    label: torch.Tensor  # (steps, lanes, n), the teacher's torque minus u_b, as ρ
     free: torch.Tensor  # (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1
     begins: torch.Tensor  # (steps, lanes, 1), 0 where an episode begins, else 1
     memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step
 
     def window(self, segment: int, steps: int) -> Chunk:
-        """Return a number of steps from the beginning of a segment."""
+        """Return `steps` steps from the beginning of a segment."""
         where = slice(SEGMENT * segment, SEGMENT * segment + steps)
         return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 
@@ -42,7 +42,7 @@ class Drive:
     """Lanes that a student drives, chunk by chunk; the generator draws noise and plants.
 
     Attributes:
-        lost: episodes that ended before their reference.
+        lost: number of episodes that ended before the end of their reference.
         error: root mean square tip error of the last chunk [m].
     """
 
@@ -59,7 +59,7 @@ class Drive:
         self.lost, self.error = 0, 0.0
 
     def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
-        """Drive for a number of control periods; some lanes restart."""
+        """Drive the lanes for `steps` control periods; some lanes restart."""
         self._begins |= self._generator.random(self._lanes.count) < _RESTARTS
         self._restart()
         count, limit, part = self._lanes.count, self._limit, policy.seen
@@ -90,7 +90,7 @@ class Drive:
         return read
 
     def _late(self, torque: np.ndarray) -> np.ndarray:
-        """Return the motors' torques (lanes, n) [N m]: those of each lane, delayed."""
+        """Return the torques (lanes, n) [N m] that reach the motors: the sent torques with each lane's delay."""
         self._sent = np.concatenate([torque[np.newaxis], self._sent[:-1]])
         self._sent[1:, self._begins] = torque[self._begins]
         delay, lane = self._courses.delay, np.arange(len(torque))
@@ -109,7 +109,7 @@ class Drive:
         return float(np.mean(scalars[_TIP_ERROR] ** 2))
 
     def _restart(self) -> None:
-        """Begin an episode in the lanes that are marked."""
+        """Begin an episode in the lanes marked in `_begins`."""
         which = np.flatnonzero(self._begins)
         if len(which):
             begun = self._lanes.reset(None, None, self._courses.start[which], which)

@@ -1,8 +1,8 @@
 """The teacher: the law of the adaptive observer, given the true state, plant, load and delay.
 
-Its state is the arm's, its beliefs p are the true constants, payload and delay of the lane; the force is known at the
-last, current and next samples, so that the motors follow a changing force in time. The student has to learn the
-difference from its torque.
+The law gets the true state of the arm, and as its beliefs p the true constants, payload and delay of the lane. The
+force is known at the last, current and next samples, so that the motors follow a changing force in time. The student
+has to learn the difference between the teacher's torque and its own base torque u_b.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from fuzzyarm.rl_baselines.estimate._courses import Courses
 
 __all__ = ["Teacher"]
 
-_SAMPLES = (*range(0, -KEPT, -1), 1)  # of the known force, from now
+_SAMPLES = (*range(0, -KEPT, -1), 1)  # samples of the known force, counted from now
 
 
 class Teacher:
-    """The labels of the lanes of `Courses` by the law of the adaptive observer."""
+    """The teacher's torques for the lanes of `Courses`, computed by the law of the adaptive observer."""
 
     def __init__(self, adaptive: AdaptiveObserverPolicy, courses: Courses) -> None:
         self._lanes, self._delay, self._settings = courses.lanes, courses.delay, adaptive.settings
@@ -47,10 +47,10 @@ class Teacher:
         self._force_at = columns(row_record(self._physics.joints, self._physics.axes)).force
 
     def torque(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return u* (lanes, n) [N m], within its limits, before the step for observations (lanes, 5 n).
+        """Return u* (lanes, n) [N m], clipped to the torque limits, for observations (lanes, 5 n) before the step.
 
-        `memory` (lanes, ·) is that of the student's adaptive observer: the torques on their way are used. If its filter
-        has diverged these are unknown, and u* is nan.
+        `memory` (lanes, ·) is the memory of the student's adaptive observer, from which the torques in transit are
+        read. If the filter of the observer has diverged, these torques are unknown, and u* is nan.
         """
         known = np.stack([self._force(ahead) for ahead in _SAMPLES], axis=1)
         torque = np.empty((len(observation), len(self._limit)))
@@ -61,14 +61,14 @@ class Teacher:
         return wanted
 
     def beliefs(self) -> np.ndarray:
-        """Return the true z (lanes, numbers of z), except for the force."""
+        """Return z (lanes, numbers of z) with the true values of all entries except the force."""
         s = self._settings
         p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]
         return np.hstack([self._lanes.numbers(slice(size(self._physics.State))).T, p])
 
     def _numbers(self) -> np.ndarray:
-        """Return the true numbers (lanes, k) of the arms, which are affine in the beliefs, see `adaptive.belief`."""
+        """Return the true parameters (lanes, k) of the arms, which are affine in the beliefs, see `adaptive.belief`."""
         lanes, physics = self._lanes, self._physics
         if physics is two_joints():
             return np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
@@ -87,7 +87,7 @@ class Teacher:
 
     @functools.cached_property
     def _acting(self) -> Kernel:
-        """The kernel that acts on the truth: on memory, observation, truth, known force and torque."""
+        """The kernel of the law on true beliefs; its ports: memory, observation, truth, known force and torque."""
         physics, settings, joints = self._physics, self._settings, self._physics.joints
 
         def act_on_truth(

@@ -1,10 +1,10 @@
-"""The training: the student drives, the teacher labels, the student learns from the latest chunks.
+"""The training run: the student drives, the teacher labels, and the student learns from the latest chunks.
 
 A gradient step lowers the mean over a window of
 
     √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
 
-with ρ* the teacher's torque beyond u_b, in units of R. A training run takes minutes and cannot be resumed; the same
+with ρ* the teacher's torque minus u_b, in units of R. A training run takes minutes and cannot be resumed; the same
 seed gives the same network on the same machine.
 """
 
@@ -38,17 +38,17 @@ __all__ = [
 
 
 _PERIOD = 1e-3
-"""Control period of the training [s]."""
+"""Control period during training [s]."""
 
-_SCALE = 0.02  # s
+_SCALE = 0.02  # s in the loss
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
-_NEWEST = 3  # one gradient step in so many is from the newest chunk
+_NEWEST = 3  # one gradient step in this many uses the newest chunk
 
 
 class _Student(torch.nn.Module):
     """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
 
-    h has `hidden` numbers and tanh(P c) has `modulation`. V, G and D begin at zero, and so does the residual.
+    h has `hidden` and tanh(P c) `modulation` numbers. V, G and D are initially zero, and thus the residual is, too.
     """
 
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
@@ -63,7 +63,7 @@ class _Student(torch.nn.Module):
                 tensor = torch.randn(shape, generator=generator) / math.sqrt(shape[1])
             setattr(self, name, torch.nn.Parameter(tensor))
         with torch.no_grad():
-            self.get_parameter("gate_bias")[:hidden] = -2.0  # of s: a memory of about eight samples
+            self.get_parameter("gate_bias")[:hidden] = -2.0  # bias of s: a memory of about eight samples
 
     def network(self) -> EstimateNetwork:
         """Return the network as it is shipped, in single precision."""
@@ -72,8 +72,8 @@ class _Student(torch.nn.Module):
     def forward(
         self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden); see `Chunk` for the shapes."""
-        # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
+        """Return ρ before clipping (steps, lanes, n) and h⁺ (steps, lanes, hidden); see `Chunk` for the shapes."""
+        # Tensors are split before the loop: the gradient of an index in the loop would be as large as the whole tensor.
         n: Any = self  # its arrays by name
         gates = (z @ n.gate_z.T + c @ n.gate_c.T + n.gate_bias).unbind()
         candidate = (z @ n.A.T + (c @ n.C.T) * (z @ n.B.T)).unbind()
@@ -93,10 +93,10 @@ class _Student(torch.nn.Module):
 
 
 class EstimateTraining:
-    """A training from its settings, for the arm of Table 1 or another one.
+    """A training run from its settings, for the arm of Table 1 or another one.
 
     Attributes:
-        report: called after every chunk with its row of the curve.
+        report: called after every chunk with its row of the learning curve.
         student: the network.
         rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, lost (episodes that ended early).
     """
