@@ -57,7 +57,9 @@ def _plain(value: Any) -> Any:
     home, kind = type(value).__module__, type(value).__qualname__
     if dataclasses.is_dataclass(value) and home.startswith(_HOME) and kind.isidentifier():
         return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **_fields(value)}
-    raise ValueError(f"{shown(value)} cannot be written as JSON: pass it to gymnasium.make again instead")
+    raise ValueError(
+        f"{shown(value)} cannot be written as JSON: pass it to gymnasium.make again whenever you make the environment"
+    )
 
 
 def _made(value: Any, inside: bool = False) -> Any:

@@ -168,7 +168,7 @@ def _identify(options: Options, start: AnyArm) -> int:
                 + ("This reading is used" if options.apply else "To use this reading, add --apply")
             )
         elif options.apply:
-            said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
+            said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); there is nothing to apply")
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:

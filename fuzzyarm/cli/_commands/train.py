@@ -79,7 +79,7 @@ class _EstimateOptions:
         config, arm = chosen(self, EstimateConfig()), chosen_arm(self.robot, None)
         folder = self.out / LAST
         if folder.exists():
-            raise UsageError(f"{folder} already holds a policy; choose another folder")
+            raise UsageError(f"{folder} already contains a policy; choose another folder")
         with claimed_folder(self.out):
             with progress("compiling and loading", config.chunks, first=1.0) as advance:
                 with _training_libraries():

@@ -58,8 +58,9 @@ class Link:
         )
         _require(
             low + middle >= (1.0 - _TRIANGLE_ROUNDING) * high,
-            f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last above the sum "
-            "of the others, which is impossible; it must be taken about the mass center, in axes of the joint frame",
+            f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last of which is "
+            "above the sum of the others, which is impossible; it must be taken about the mass center, in axes of the "
+            "joint frame",
         )
 
 

@@ -126,7 +126,7 @@ class SweepConfig:
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
             if name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
-                raise ValueError(f"grid over delay: its {number} values must be whole numbers of control periods")
+                raise ValueError(f"grid over delay: all {number} values must be whole numbers of control periods")
 
     def _check_map(self) -> None:
         texts("map", self.map)
