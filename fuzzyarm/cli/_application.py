@@ -65,7 +65,7 @@ GROUPS = {
 _NEXT = {
     "report": "open the page in a browser",
     "leaderboard": "fuzzyarm evaluate --check DIR repeats an evaluation",
-    "score": "fuzzyarm evaluate --policy NAME shows where a policy has large errors",
+    "score": "fuzzyarm evaluate --policy NAME shows where the errors of a policy are large",
     "robot": "fuzzyarm tune --robot FILE --out DIR",
     "identify": "fuzzyarm tune --robot FILE --out DIR",
     "design": "fuzzyarm evaluate --policy FILE --policy FILE-tip",

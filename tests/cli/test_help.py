@@ -249,7 +249,7 @@ def test_certificates_are_a_line_each():
     assert certificate_lines({"a": "For ...", "b": "void", "c": None}, numbers) == [
         "a: proven for the rigid arm: alpha = 19.9 1/s, gamma = 0.000141; see fuzzyarm show a",
         "b: its certificate is void along this path; see fuzzyarm show b",
-        "nothing proven for the rigid arm: c",
+        "nothing is proven for the rigid arm: c",
     ]
 
 

@@ -140,7 +140,7 @@ def _errors(row: dict[str, Any]) -> str:
     """Return the largest tip errors of an evaluation by case; empty if the row holds none."""
     return ", ".join(
         f"{case} {row[f'{case}_max_mm']:.2f}"
-        + ("" if row[f"{case}_share"] == 1.0 else f" (left after {100 * row[f'{case}_share']:.0f} %)")
+        + ("" if row[f"{case}_share"] == 1.0 else f" (ended after {100 * row[f'{case}_share']:.0f} %)")
         for case in PAPER_CASES
         if f"{case}_max_mm" in row
     )

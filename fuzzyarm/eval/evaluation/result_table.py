@@ -120,7 +120,7 @@ def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[st
         elif certificates[policy] is not None:
             lines.append(f"{policy}: its certificate is void along this path; see fuzzyarm show {policy}")
     others = [policy for policy, text in certificates.items() if text is None]
-    return [*lines, *([f"nothing proven for the rigid arm: {', '.join(others)}"] if others else [])]
+    return [*lines, *([f"nothing is proven for the rigid arm: {', '.join(others)}"] if others else [])]
 
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:

@@ -277,8 +277,8 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
     path = "the paper's path" if robot is None else f"the default reference of {robot['name']}"
     notes = [
         f"Spectral radius of the loop over one control period of {1e3 * method['control_period']:g} ms, the largest at "
-        f"{method['postures']} postures of {path}: below 1, small deviations decay. Then the factors on the "
-        "loop gain between which it stays below 1.",
+        f"{method['postures']} postures of {path}: below 1, small deviations decay. The radius stays below 1 "
+        "between the listed factors on the loop gain.",
         "This is a local measurement, not a proof: postures are frozen, dry friction is removed, and deviations are "
         "small. Each policy keeps its nominal model of the arm.",
     ]

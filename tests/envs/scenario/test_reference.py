@@ -113,7 +113,7 @@ def test_the_ring_ends_at_the_margin_to_the_singular_configurations(length):
 
 def test_joint_limits_name_joint_value_and_limit():
     beyond_pi = Circle(center=(-0.345, -0.491))
-    with pytest.raises(ValueError, match=r"joint1 leaves .* is 3\.\d* rad there, .* \[-3.14159, 3.14159\] .*joint_limit"):
+    with pytest.raises(ValueError, match=r"joint1 leaves .* is 3\.\d* rad there.* \[-3.14159, 3.14159\] .*joint_l"):
         JointReference(beyond_pi)
     JointReference(beyond_pi, elbow_sign=-1)
     arm = ArmParameters(joint_limit=(math.pi, 1.9))

@@ -182,7 +182,7 @@ def test_joint_ranges_and_velocities_name_joint_and_excess():
     joints = list(robot.joints)
     joint = joints[number] = dataclasses.replace(joints[number], angle_range=(-3.0, peak - 0.01))
     narrow = dataclasses.replace(robot, joints=tuple(joints))
-    with pytest.raises(ValueError, match=rf"{joint.name} leaves its range at t = .* 0\.01 rad beyond .*another `posture`"):
+    with pytest.raises(ValueError, match=rf"{joint.name} leaves its range at t = .* 0\.01 rad beyond .*another `post"):
         TipReference(reference.path, DURATION, narrow, reference.posture)
     with pytest.raises(ValueError, match=r"turns at .* % beyond its velocity limit.*Raise duration") as error:
         TipReference(reference.path, 0.3, robot)
