@@ -74,5 +74,5 @@ def _made(value: Any, inside: bool = False) -> Any:
     except (AttributeError, ImportError):
         made = None
     if not (isinstance(made, type) and dataclasses.is_dataclass(made)):
-        raise ValueError(f"the package fuzzyarm has no {_KIND} {shown(value[_KIND])}")
+        raise ValueError(f"{_KIND} = {shown(value[_KIND])} does not name a data class of fuzzyarm")
     return made(**{name: _made(entry, inside=True) for name, entry in value.items() if name != _KIND})

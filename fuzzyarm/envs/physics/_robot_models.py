@@ -314,7 +314,7 @@ def _text(path: Path) -> str:
     try:
         text = read_bytes(path, largest=_LARGEST_MODEL).decode("utf-8")
     except UnicodeDecodeError:
-        raise ValueError("not a URDF or MJCF file, because it is not UTF-8 text") from None
+        raise ValueError("the model is not a URDF or MJCF file, because it is not UTF-8 text") from None
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:

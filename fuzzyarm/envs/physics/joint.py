@@ -91,8 +91,8 @@ class Drive:
     def __post_init__(self) -> None:
         if checks.is_real(self.motor_inertia) and self.motor_inertia == 0.0:
             raise ValueError(
-                "motor_inertia = 0.0 kg m^2: without a rotor's inertia the motor has no motion of its own; give the "
-                "rotor's inertia times the gear ratio squared; allowed: (0, 1e+12] kg m^2"
+                "motor_inertia = 0.0 kg m^2: the motor's equation of motion needs an inertia above 0; give the rotor's "
+                "inertia times the gear ratio squared; allowed: (0, 1e+12] kg m^2"
             )
         keep_quantities(self, wrong_type=ValueError)
         _require(

@@ -134,7 +134,8 @@ class SweepConfig:
             raise ValueError(f"map = {list(self.map)} must name two different columns, or be empty")
         if self.map and self.grid:
             raise ValueError(
-                f"map = {list(self.map)}: with a grid, the heat maps are over its two quantities; leave out map"
+                f"map = {list(self.map)} cannot be combined with a grid, whose two quantities are the axes of the heat "
+                "maps; leave out map"
             )
         for column in self.map:
             choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))

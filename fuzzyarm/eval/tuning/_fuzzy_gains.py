@@ -83,7 +83,7 @@ def find_gains(context: Context) -> Found:
         notes.append(f"No design with alpha = {alpha:g} 1/s meets the requirements on the sampled elastic arm.")
     else:
         way = "fuzzyarm design requires less, and names the limiting parameter of the arm"
-        return nothing(f"No design meets the requirements, down to alpha = {alpha:g} 1/s: {way}.", tried)
+        return nothing(f"No design meets the requirements, even with alpha = {alpha:g} 1/s: {way}.", tried)
     best = equals[0]
     controller = design(best.wanted, arm).controller
     controller.save(context.folder / f"{FUZZY}.json")
