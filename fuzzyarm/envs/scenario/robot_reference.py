@@ -211,8 +211,8 @@ class TipReference(PathReference):
         sharp = float(self._task.sharpness(frames(self.robot, q)))
         return ValueError(
             f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (the smallest "
-            f"singular value of the tip's Jacobian is {sharp:.2g}). Move or shrink the path, or start from another "
-            f"`posture`{self._or_free}"
+            f"singular value of the scaled extended Jacobian is {sharp:.2g}). Move or shrink the path, or start from "
+            f"another `posture`{self._or_free}"
         )
 
     @property
@@ -239,8 +239,8 @@ class TipReference(PathReference):
             _, _, directions = np.linalg.svd(self._task.matrix(Frames(*(part[k] for part in now))))
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
-                f"the smallest singular value of the tip's Jacobian is {sharp[k]:.2g}; allowed: {_SHARPEST} or more. "
-                f"There {self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, or "
+                f"the smallest singular value of the scaled extended Jacobian is {sharp[k]:.2g}; allowed: {_SHARPEST} or "
+                f"more. There {self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, or "
                 f"start from another `posture`{self._or_free}"
             )
 
