@@ -239,9 +239,9 @@ class TipReference(PathReference):
             _, _, directions = np.linalg.svd(self._task.matrix(Frames(*(part[k] for part in now))))
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
-                f"the smallest singular value of the scaled extended Jacobian is {sharp[k]:.2g}; allowed: {_SHARPEST} or "
-                f"more. There {self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, or "
-                f"start from another `posture`{self._or_free}"
+                f"the smallest singular value of the scaled extended Jacobian is {sharp[k]:.2g}; allowed: {_SHARPEST} "
+                f"or more. There {self._joint(directions[-1])} turns most without moving the tip. Move or shrink the "
+                f"path, or start from another `posture`{self._or_free}"
             )
 
     def _joint(self, motion: np.ndarray) -> str:
