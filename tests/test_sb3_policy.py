@@ -59,7 +59,7 @@ def test_it_is_evaluated(tmp_path, capsys):
     (row,) = json.loads((out / "results.json").read_text())["results"]
     assert row["policy"] == NAME and row["completed"] == (code == 0)
     assert str(tmp_path) not in (out / "results.json").read_text()
-    assert "nothing proven for the rigid arm: " in capsys.readouterr().out
+    assert "nothing is proven for the rigid arm: " in capsys.readouterr().out
 
 
 def test_without_a_file_it_says_which_variable(saved, tmp_path, monkeypatch, capsys):

@@ -65,7 +65,7 @@ GROUPS = {
 _NEXT = {
     "report": "open the page in a browser",
     "leaderboard": "fuzzyarm evaluate --check DIR repeats an evaluation",
-    "score": "fuzzyarm evaluate --policy NAME shows where a policy errs",
+    "score": "fuzzyarm evaluate --policy NAME shows where the errors of a policy are large",
     "robot": "fuzzyarm tune --robot FILE --out DIR",
     "identify": "fuzzyarm tune --robot FILE --out DIR",
     "design": "fuzzyarm evaluate --policy FILE --policy FILE-tip",
@@ -208,7 +208,7 @@ def _name_left_out(robot: Any) -> None:
             given = {name: value for name, value in read_toml(Path(robot)).items() if name != "ranges"}
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
             if ArmParameters.from_dict(given) and names:
-                say(f"{robot} does not set {names}: taken from Table 1 of the paper", error=True)
+                say(f"{robot} does not set {names}: the values are taken from Table 1 of the paper", error=True)
 
 
 def _whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:

@@ -105,7 +105,7 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
         if member.flag_bits & _ENCRYPTED:
             raise ValueError(f"{member.filename[:40]!r} is encrypted")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise ValueError(f"{member.filename[:40]!r} has the unknown compression {member.compress_type}")
+            raise ValueError(f"{member.filename[:40]!r} is compressed by the unknown method {member.compress_type}")
     total = sum(member.file_size for member in members)
     if total > most:
         raise ValueError(f"it unpacks to {total} bytes; allowed for this file: at most {most}")

@@ -164,7 +164,8 @@ def finite_array(
         raise ValueError(f"{name} contains numbers that are not finite")
     if (np.abs(result) > largest).any():
         allowed = _allowed(unit, low=-largest, high=largest)
-        raise ValueError(f"{name} contains a number of magnitude {np.abs(result).max():g}, out of range; {allowed}")
+        most = np.abs(result).max()
+        raise ValueError(f"{name} contains a number of magnitude {most:g}, which is out of range; {allowed}")
     return result
 
 

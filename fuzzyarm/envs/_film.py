@@ -41,7 +41,7 @@ class Film:
     def picture(self, schedule: Schedule) -> np.ndarray | None:
         """Return the picture (720, 720, 3) of uint8, or show it in an open window; ResetNeeded before reset."""
         if not self._trace:
-            raise ResetNeeded("nothing to draw before the first env.reset()")
+            raise ResetNeeded("there is nothing to draw yet: call env.reset() before env.render()")
         import pygame  # imported here, because a training run never needs it
 
         from fuzzyarm.envs import _pictures as pictures

@@ -77,8 +77,9 @@ def initial_state(given: Any, arm: AnyArm) -> np.ndarray:
     if state.shape != lowest.shape or not np.all((state >= lowest) & (state <= highest)):
         numbers = checks.shown(np.asarray(given).tolist())
         raise ValueError(
-            f"initial_state = {numbers} must be {len(lowest)} finite numbers: motor angles, link angles (each "
-            f"{_range('q', low, high)} rad), motor velocities, link velocities ({_range('dq', -speed, speed)} rad/s)"
+            f"initial_state = {numbers} must be {len(lowest)} finite numbers: motor angles and link angles "
+            f"({_range('q', low, high)} rad), then motor velocities and link velocities "
+            f"({_range('dq', -speed, speed)} rad/s)"
         )
     return state
 

@@ -57,7 +57,9 @@ def _plain(value: Any) -> Any:
     home, kind = type(value).__module__, type(value).__qualname__
     if dataclasses.is_dataclass(value) and home.startswith(_HOME) and kind.isidentifier():
         return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **_fields(value)}
-    raise ValueError(f"{shown(value)} cannot be written as JSON: pass it to gymnasium.make again instead")
+    raise ValueError(
+        f"{shown(value)} cannot be written as JSON: pass it to gymnasium.make again whenever you make the environment"
+    )
 
 
 def _made(value: Any, inside: bool = False) -> Any:
@@ -72,5 +74,5 @@ def _made(value: Any, inside: bool = False) -> Any:
     except (AttributeError, ImportError):
         made = None
     if not (isinstance(made, type) and dataclasses.is_dataclass(made)):
-        raise ValueError(f"the package fuzzyarm has no {_KIND} {shown(value[_KIND])}")
+        raise ValueError(f"{_KIND} = {shown(value[_KIND])} does not name a data class of fuzzyarm")
     return made(**{name: _made(entry, inside=True) for name, entry in value.items() if name != _KIND})

@@ -221,7 +221,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if RESET_MASK in options:
             which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
         if which is not None and not begun and len(which) < self.num_envs:
-            raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before one with a reset_mask")
+            raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before you use a reset_mask")
         arguments.check_options(options)
         given = options.pop("initial_state", None)
         initial = None if given is None else arguments.initial_states(given, self._plants, self.num_envs)

@@ -191,7 +191,8 @@ def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[
             except (OSError, RuntimeError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
                 raise ValueError(
-                    f"no Ray cluster at {address!r}: {reason}; if it has a token, set RAY_AUTH_MODE=token"
+                    f"cannot connect to a Ray cluster at {address!r}: {reason}; if the cluster requires a token, set "
+                    "RAY_AUTH_MODE=token"
                 ) from None
         try:
             yield

@@ -146,14 +146,14 @@ class Kernel:
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(
-                f"{len(arrays)} arrays and {len(tables)} tables were given; needed: {len(program.ports)} arrays and "
-                f"{len(program.tables)} tables"
+                f"{len(arrays)} arrays and {len(tables)} tables were given; the program takes {len(program.ports)} "
+                f"arrays and {len(program.tables)} tables"
             )
         good = constants.dtype == _DOUBLE and constants.flags.c_contiguous
         if not good or constants.shape != (len(program.constants),):
             raise ValueError(
-                f"constants have shape {constants.shape} and type {constants.dtype}; needed: a contiguous float64 "
-                f"array of shape ({len(program.constants)},)"
+                f"the constants have shape {constants.shape} and type {constants.dtype}; they must be a contiguous "
+                f"float64 array of shape ({len(program.constants)},)"
             )
         first = arrays[self._counted]
         arms = (first.shape or (0,))[0 if self.layouts[self._counted] is Layout.ROWS else -1]
@@ -169,13 +169,13 @@ class Kernel:
             if not good or apart % _SIZE:
                 raise ValueError(
                     f"array {port} (for {arms} arms) has shape {shape}, type {array.dtype} and strides "
-                    f"{array.strides}; needed: {numbers} float64 values per arm, stored in {layout.name.lower()}"
+                    f"{array.strides}; it must have {numbers} float64 values per arm, stored in {layout.name.lower()}"
                 )
         for table, (array, shape) in enumerate(zip(tables, program.tables, strict=True)):
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(
-                    f"table {table} has shape {array.shape}; needed: contiguous float64 rows of shape {shape[1:]}"
+                    f"table {table} has shape {array.shape}; it must have contiguous float64 rows of shape {shape[1:]}"
                 )
         lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
         return _Known(arrays, constants, tables, arms, lengths, self.code(arms))
@@ -233,7 +233,8 @@ def _machine_code(text: str, width: int) -> _Code:
     path = _folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.o"
     binary = _stored(path)
     if binary is None:
-        with announced("FuzzyArm: compiling the arm (takes seconds; the result is kept on disk) ...", after=_LASTING):
+        message = "FuzzyArm: compiling machine code (takes seconds; the result is kept on disk) ..."
+        with announced(message, after=_LASTING):
             module = llvm.parse_assembly(text)
             options = llvm.create_pipeline_tuning_options(speed_level=level)
             options.slp_vectorization = options.loop_vectorization = width == 1

@@ -69,7 +69,7 @@ class Program:
         outputs = [self._outputs(port) for port in results]
         counts = tuple(map(len, outputs))
         if counts != self.ports:
-            raise ValueError(f"the function returns {counts} numbers for its ports; it must return {self.ports}")
+            raise ValueError(f"the function returns outputs of sizes {counts}; the sizes must be {self.ports}")
         self.outputs = list(itertools.chain(*outputs))
         self._reachable(self.outputs)
 
@@ -80,7 +80,7 @@ class Program:
         if not isinstance(tree, Array):
             return [tree]
         if tree.memory != "room":
-            raise TypeError("a function must change the array of a port in place and return that array itself")
+            raise TypeError("a function that returns an array must return one of its arguments, changed in place")
         size = Cells(tree.shape).size
         return list(self.inputs[tree.first.constant : tree.first.constant + size])
 

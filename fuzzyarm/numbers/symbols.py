@@ -53,7 +53,7 @@ class Symbol:
 
     def __bool__(self) -> bool:
         """Raise TypeError: the value is not known while a function is recorded."""
-        raise TypeError("a recorded function cannot branch on a number that it computes; use select or when")
+        raise TypeError("a compiled function cannot branch on a number that it computes; use select or when instead")
 
 
 def _recorded(operation: str, *, swapped: bool = False, kind: str = "real", text: str = "") -> Callable[..., Symbol]:

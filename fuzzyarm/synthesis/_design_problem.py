@@ -88,8 +88,8 @@ class NoPoint(ValueError):
         self.ray = np.array(result.z) if result is not None and status in _INFEASIBLE else None
         found = "a proof that there is none" if self.ray is not None else f"a point with margin {margin:.2g}"
         super().__init__(
-            f"no strictly feasible point: the solver ended with {status} and {found}; lower alpha, or raise gamma, the "
-            "gain bound or fastest_pole"
+            f"no strictly feasible point was found: the solver ended with {status} and {found}; lower alpha, or raise "
+            "gamma, the gain bound or fastest_pole"
         )
 
 
@@ -356,7 +356,7 @@ class DesignProblem:
         size, n, m = len(np.atleast_2d(np.asarray(S))), self._data.n_e, len(self._data.uncertainties)
         R, S = finite_array("R", R, (size, size), "1/s"), finite_array("S", S, (size, size))
         if self.specification.form != "consistent" or not np.array_equal(R, R.T):
-            raise ValueError("a pole region needs the consistent form and a symmetric R")
+            raise ValueError("a pole region needs the consistent form and a symmetric matrix R")
         rows, pairs, unit = len(self._pair), len(self.pairs), self._units
         Q, X = (
             cp.multiply(np.tile(unit[name], (size, size)), cp.Variable((pairs, size * n, size * n))) for name in "QX"

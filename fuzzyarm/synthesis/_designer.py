@@ -89,14 +89,14 @@ def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Desi
     try:
         point = problem.point(solver, **options)
     except NoPoint as error:
-        missed = f" at a point that misses the inequalities by {-error.margin:.2g}" if np.isfinite(error.margin) else ""
+        missed = f"; its last point misses the inequalities by {-error.margin:.2g}" if np.isfinite(error.margin) else ""
         if isinstance(best_point(asked, model.parameters), NoPoint):
             advice = why_infeasible(asked, model.parameters)
         else:
-            relax = f"relax the {len(own)} constraints added to it, or " if own else ""
+            relax = f"relax the added constraints ({len(own)}), or " if own else ""
             tried = "try tighter tolerances, another solver or another scale"
             advice = f"the specification alone has a solution: {relax}{tried}"
-        message = f"{solver} found no point, and ended with {error.status}{missed}; {advice}"
+        message = f"{solver} found no feasible point ({error.status}{missed}); {advice}"
         raise DesignFailed(message, problem, error.result) from error
     changed = own or problem.objective is not objective or len(problem.constraints) < len(constraints)
     words = "a user's own problem" if changed else None
@@ -120,7 +120,7 @@ def _proven(
     try:
         controller = to_controller(model, specification, point, objective, package)
     except (ControllerFileError, np.linalg.LinAlgError) as error:
-        message = f"the point of the solver ({point.status}) gives no controller: {error}"
+        message = f"no controller follows from the solver's point ({point.status}): {error}"
         raise DesignFailed(message, problem, point) from error
     certificate = certify(controller)
     if certificate.proven:
@@ -132,7 +132,7 @@ def _proven(
     if not np.isfinite(worst.proof_margin):
         far = "has a diagonal entry of the wrong sign"
     message = (
-        f"the point of the solver ({point.status}) does not pass the proof: {len(failed)} of {len(certificate.claims)} "
+        f"the solver's point ({point.status}) does not pass the proof: {len(failed)} of {len(certificate.claims)} "
         f"inequalities fail, and the worst, {worst.name}, {far}; try tighter tolerances, another solver, a larger "
         "gamma or a smaller alpha"
     )

@@ -75,7 +75,7 @@ class ScheduledSpecification:
         if self.fastest_pole is not None:
             real("fastest_pole", self.fastest_pole, "1/s", above=slowest, high=RATES[1])
             if self.gamma is not None:
-                raise ValueError("gamma and fastest_pole are both given; leave out one: it follows from the other")
+                raise ValueError("gamma and fastest_pole are both given; leave out one; each follows from the other")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,8 +198,8 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
     if found is None:
         raise DesignFailed(
             f"no feedback has a fastest pole of {pole:.6g} 1/s; it must be above (3 kappa - 2)(alpha + mu) = "
-            f"{lowest:.6g} 1/s, with kappa = {kappa:g} and alpha + mu = {rate:.6g} 1/s: raise it, lower alpha, or use "
-            "more rules"
+            f"{lowest:.6g} 1/s, with kappa = {kappa:g} and alpha + mu = {rate:.6g} 1/s: raise fastest_pole, lower "
+            "alpha, or use more rules"
         )
     return found
 

@@ -177,7 +177,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         elif rules > _MOST_SEARCHED:
             raised = [f"raise {name} above {value:g}" for name, value in limits.items()]
             ways = " or ".join([f"lower alpha below {alpha:g}", *raised, "keep fewer premises"])
-            return f"{head}; each vertex of the model alone may allow this, but all together do not: {ways}"
+            return f"{head}; each vertex of the model alone may allow this, but all vertices together do not: {ways}"
 
     def relaxed(name: str) -> str:
         value = _nearest_feasible(specification, arm, name, vertex)
@@ -189,11 +189,11 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     if text := relaxed("fastest_pole"):
         return f"{head}; {text}"
     if strict and (text := relaxed("gamma")):
-        return f"{head}; {text}; for this arm's inertia, {usual:.2g} is usual"
+        return f"{head}; {text}; gamma = {usual:.2g} is usual for this arm's inertia"
     if text := relaxed("alpha"):
         return f"{head}; {text}{_in_the_way(specification, arm, vertex)}"
     text = relaxed("gain_bound") or relaxed("gamma") or _with_more_rules(s, arm) or f"raise {' or '.join(limits)}"
-    return f"{head}; no decay rate down to {_slowest_tried(s):g} 1/s helps: {text}"
+    return f"{head}; lowering alpha, even to {_slowest_tried(s):g} 1/s, does not help: {text}"
 
 
 def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
@@ -202,7 +202,7 @@ def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
     wanted = dataclasses.replace(specification, kept=kept)
     if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):
         return ""
-    return f"keep more premises; it works with {', '.join(kept)}"
+    return f"keep more premises; the design succeeds with {', '.join(kept)}"
 
 
 def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:

@@ -29,7 +29,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     assert main([*QUICK, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert "fuzzy-4 1.75 / 3.90   4.04\n" in out
-    assert "fuzzy-4: rigid arm, alpha = 20 1/s, gamma = 0.00014, proven; fuzzyarm show fuzzy-4\n" in out
+    assert "fuzzy-4: proven for the rigid arm: alpha = 20 1/s, gamma = 0.00014; see fuzzyarm show fuzzy-4\n" in out
     assert "\x1b" not in out  # plain when piped
     assert "largest [mm]" in out  # rich would take the unit for markup
     names = {path.name for path in tmp_path.iterdir()}
@@ -51,7 +51,7 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     assert main(["evaluate", "--robot", str(file), *arguments]) == 0
     (line,) = without_progress(capsys.readouterr().err).splitlines()
     assert line.startswith(f"{file} does not set mass, inertia, gravity, motor_inertia, ")
-    assert line.endswith(", velocity_limit: taken from Table 1 of the paper")
+    assert line.endswith(", velocity_limit: the values are taken from Table 1 of the paper")
     assert "torque_limit" in line and "viscous_friction" not in line and " length" not in line
     arm = json.loads((out / "results.json").read_text())["arm"]
     assert arm.startswith('{"length": [0.5, 0.4], "mass_center": [0.25, 0.2]}; as in Table 1 of the paper: mass, ')
@@ -166,7 +166,7 @@ def test_margins_are_a_table_and_what_it_means_and_a_file(tmp_path, capsys, monk
     out, err = capsys.readouterr()
     assert out.splitlines()[0].startswith("policy") and "5 kg payload loop gain from" in out
     assert out.splitlines()[1].startswith("computed-torque  0.99")
-    assert "A local measurement and not a proof: postures frozen, dry friction removed" in out
+    assert "This is a local measurement, not a proof: postures are frozen, dry friction is removed" in out
     assert "\x1b" not in out and without_progress(err) == ""  # plain when piped
     assert list(tmp_path.iterdir()) == []
     assert main([*MARGINS, "--policy", "fuzzy-4", "--json", "--out", "margins.json"]) == 0

@@ -93,16 +93,16 @@ MISTAKES = [
     ("sweep --resume --out new", "contains no sweep to resume"),
     ("sweep --replay fuzzy-4 nominal 0 --out new", "contains no sweep to resume"),
     ("sweep --policy ppo-nominal --robot arm.toml", "works only on it"),
-    ("export java fuzzy-4 --out new", "java is not an export language; choose from: c"),
+    ("export java fuzzy-4 --out new", "java is not an export format; choose from: c"),
     ("export c fuzzy-4", "--out is missing"),
     ("export c fuzzy-4 --out new --number half", 'invalid value "half" for --number'),
     ("export c plant --out new", "unknown policy 'plant'"),
     ("export c adaptive-observer --number float --out new", 'adaptive-observer needs number = "double"'),
     ("export fmu plant --robot nobody --out new", "unknown robot 'nobody'"),
-    ("export fmu plant --number float --out new", "--number float is for C source; fmu computes in double"),
+    ("export fmu plant --number float --out new", "--number float is for C source only; fmu always uses double"),
     ("show", "NAME|FILE is missing"),
     ("show fuzzy-5", "unknown policy 'fuzzy-5'; did you mean fuzzy-"),
-    ("show fuzzy-4 --csv --json", "--csv and --json both choose the form; leave out one"),
+    ("show fuzzy-4 --csv --json", "--csv and --json both choose the output format; leave out one"),
     ("show ppo-robust", "no sheet of equations and matrices can be written for LearnedPolicy; choose from"),
     ("show fuzzy-4 --robot ur5", "was designed for the two-joint arm"),
     ("report none", "is not a folder; make an evaluation with fuzzyarm evaluate"),
@@ -247,9 +247,9 @@ def test_who_lost_the_path_once_has_no_mark():
 def test_certificates_are_a_line_each():
     numbers = {"a": {"alpha": 19.999, "gamma": 1.4001e-4}, "b": None, "c": None}
     assert certificate_lines({"a": "For ...", "b": "void", "c": None}, numbers) == [
-        "a: rigid arm, alpha = 19.9 1/s, gamma = 0.000141, proven; fuzzyarm show a",
+        "a: proven for the rigid arm: alpha = 19.9 1/s, gamma = 0.000141; see fuzzyarm show a",
         "b: its certificate is void along this path; see fuzzyarm show b",
-        "nothing proven for the rigid arm: c",
+        "nothing is proven for the rigid arm: c",
     ]
 
 

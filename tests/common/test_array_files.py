@@ -81,7 +81,7 @@ def lying_size():
 
 BAD = {
     "encrypted": (lambda: patched(plain(), 6, 8, 1), "is encrypted"),
-    "unknown compression": (lambda: patched(plain(), 8, 10, 99), "unknown compression 99"),
+    "unknown compression": (lambda: patched(plain(), 8, 10, 99), "unknown method 99"),
     "a shape of ten trillions": (lambda: archive(header((10**13,)) + bytes(16)), "has 16 bytes; needed: "),
     "a shape beyond all numbers": (lambda: archive(header((10**400, 0))), "damaged"),
     "a negative shape": (lambda: archive(header((-2, -1)) + bytes(16)), "has 16 bytes; needed: "),

@@ -114,7 +114,7 @@ def test_next_step_ignores_whatever_the_action_of_an_ended_lane_is_and_refuses_o
 
 def test_a_mask_before_the_first_reset_is_refused_unless_it_names_all():
     envs = batch("Disabled")
-    with pytest.raises(ResetNeeded, match="for all lanes before one with a reset_mask"):
+    with pytest.raises(ResetNeeded, match="for all lanes before you use a reset_mask"):
         envs.reset(options={"reset_mask": np.arange(LANES) == 1})
     everywhere = {"reset_mask": np.ones(LANES, dtype=bool)}
     assert identical(envs.reset(seed=1, options=everywhere)[0], batch("Disabled").reset(seed=1)[0])

@@ -235,7 +235,7 @@ BAD_ACTIONS = [
     ([[1.0, 2.0]], r"action has shape \(1, 2\); it must be \(2,\)"),
     (
         [1.0, np.nan],
-        r"action = \[1\.0, nan\] N m is not finite; allowed: finite torques, limited to ±\[500\.0, 250\.0\]",
+        r"action = \[1\.0, nan\] N m is not finite; finite torques are clipped to ±\[500\.0, 250\.0\]",
     ),
 ]
 

@@ -296,7 +296,7 @@ def test_a_bad_action_is_named_with_its_lane_and_moves_none(lanes, bad, threads,
     wrong = good[0].copy()
     wrong[bad:, 1] = value
     given = rf"lane {bad}: action = \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m is not finite"
-    with pytest.raises(ValueError, match=given + r"; allowed: finite torques, limited to ±\[500\.0, 250\.0\] N m"):
+    with pytest.raises(ValueError, match=given + r"; finite torques are clipped to ±\[500\.0, 250\.0\] N m"):
         envs.step(wrong)
     for shaped in (np.zeros(2), np.zeros((lanes + 1, 2)), None):
         with pytest.raises(ValueError, match=rf"actions have shape .*; needed: \({lanes}, 2\), motor torques \[N m\]"):

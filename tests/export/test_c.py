@@ -244,7 +244,7 @@ def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_pat
         (lambda x: np.arctan(x), "own.law uses the value of a number while the code is generated, but .*: .*arctan"),
         (
             lambda x: x if x > 0.0 else -x,
-            "a recorded function cannot branch on a number that it computes; use select or",
+            "a compiled function cannot branch on a number that it computes; use select or",
         ),
         (lambda x: number(word(x)), "own.law computes 'word', an operation that cannot be written in C"),
         (lambda x: [1.0, 2.0][int(x)], "own.law uses the value of a number while the code is generated"),

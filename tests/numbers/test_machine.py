@@ -143,7 +143,7 @@ def test_what_is_known_is_recorded_once_and_outside_of_loops():
 def test_what_cannot_be_recorded_is_refused(wrong):
     with pytest.raises(TypeError, match=r"select or when|int\(\)"):
         Program(lambda x, _: ((wrong(x[0]),),), ((0.0,),))
-    with pytest.raises(ValueError, match=r"returns \(1,\) numbers for its ports; it must return \(1, 2\)"):
+    with pytest.raises(ValueError, match=r"returns outputs of sizes \(1,\); the sizes must be \(1, 2\)"):
         Program(lambda x, y, _: (x,), ((0.0,), (0.0, 0.0)))
 
 

@@ -212,6 +212,6 @@ class TestTemplate:
     def test_it_joins_the_comparison(self, name, tmp_path, capsys, undrawn):
         assert main(["evaluate", "--policy", name, "--case", "nominal", "--out", str(tmp_path)]) == 0
         out = capsys.readouterr().out
-        assert f"\nnothing proven for the rigid arm: {name}\n" in out  # rich has a picture for :factory:
+        assert f"\nnothing is proven for the rigid arm: {name}\n" in out  # rich has a picture for :factory:
         error = float(next(line for line in out.splitlines() if line.startswith(f"{name} ")).split()[1])
         assert 1.0 < error < 10.0

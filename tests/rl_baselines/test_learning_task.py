@@ -148,7 +148,7 @@ def test_a_state_of_other_lanes_is_refused():
         ValueError, match="different plants, scenarios, randomisation or periods, or to a different number"
     ):
         FuzzyArmLearnVectorEnv(2, "payload").set_state(state)
-    with pytest.raises(ValueError, match="needed: an array"):
+    with pytest.raises(ValueError, match="must be an array"):
         FuzzyArmLearnVectorEnv(3, **PAPER).set_state(state)
 
 

@@ -142,7 +142,7 @@ def _margins(controller: Controller | ScheduledController, period: float, ends: 
     try:
         text = margins_in_words(policy, policy.parameters, period)
         if ends:
-            text += f"\n\nThis controller, {ends_in_words(ends_of(policy, ends, period))}."
+            text += f"\n\nThis controller {ends_in_words(ends_of(policy, ends, period))}."
         return text + why_unstable(controller, policy.parameters, period) if "WARNING" in text else text
     except ValueError as error:  # the arm cannot follow its path
         return f"Margins on the elastic arm were not measured: {error}"

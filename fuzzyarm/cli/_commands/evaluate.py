@@ -122,7 +122,8 @@ def _config(options: Options) -> EvaluationConfig:
     policies = options.policies or policies_of(options.robot)
     if other and not policies:
         left_out = ", ".join(name for name in COMPARED if name not in ANY_ROBOT)
-        say(f"left out, being for Table 1 only: {left_out}; to make them for an arm, use fuzzyarm tune", error=True)
+        text = "to tune policies for another arm, use fuzzyarm tune"
+        say(f"left out, because they are for Table 1 only: {left_out}; {text}", error=True)
     from_file = Path(options.path).suffix in ENDINGS
     if not from_file and options.path not in SHAPES:
         raise UsageError(

@@ -56,11 +56,11 @@ class Options:
         from fuzzyarm.policies import resolve
 
         if self.what not in ("c", "fmu", "onnx", "automaton"):
-            raise UsageError(f"{self.what} is not an export language; choose from: c, fmu, onnx, automaton")
+            raise UsageError(f"{self.what} is not an export format; choose from: c, fmu, onnx, automaton")
         if self.what != "automaton" and (self.set or self.start):
             raise UsageError(f"--set and --start are for automaton, not for {self.what}; leave them out")
         if self.what != "c" and self.number != "double":
-            raise UsageError(f"--number {self.number} is for C source; {self.what} computes in double")
+            raise UsageError(f"--number {self.number} is for C source only; {self.what} always uses double")
         fmu, label = self.what == "fmu", self.policy
         if fmu and label == PLANT:
             arm = chosen_arm(self.robot, None)

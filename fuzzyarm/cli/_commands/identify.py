@@ -107,7 +107,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
         largest = {name: part.tolist() for name, part in use.items()}
         say_json({"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits})
         return 0
-    say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
+    say(f"the motion takes {motion.duration:g} s, from rest to rest; its condition number is {condition:.3g}")
     for (name, (first, second)), unit in zip(use.items(), ("rad", "rad/s", "N m"), strict=True):
         limit = limits[name]
         say(f"largest {name}: {first:.3g} and {second:.3g} {unit}; limits: {limit[0]:g} and {limit[1]:g} {unit}")
@@ -168,7 +168,7 @@ def _identify(options: Options, start: AnyArm) -> int:
                 + ("This reading is used" if options.apply else "To use this reading, add --apply")
             )
         elif options.apply:
-            said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); nothing to apply")
+            said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); there is nothing to apply")
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:

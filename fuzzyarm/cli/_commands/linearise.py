@@ -54,7 +54,10 @@ class Options:
         lower, upper = models.limits()
         later = models.limits(1.0).upper
         angles = ", ".join(f"{angle:.4g}" for angle in models.posture)
-        stable = f"stable from {lower:.2f} to {upper:.2f} times its loop gain (to {later:.2f} with a sample of delay)"
+        stable = (
+            f"stable from {lower:.2f} to {upper:.2f} times the nominal loop gain (up to {later:.2f} times with one "
+            "sample of delay)"
+        )
         if math.isnan(lower):
             stable = "unstable at the nominal loop gain"
         say(f"at q = ({angles}) rad, sampled every {1e3 * period:g} ms: spectral radius {models.radius:.4f}, {stable}")

@@ -41,7 +41,7 @@ class Options:
         from fuzzyarm.export.sheet import sheet_of
 
         if self.csv and self.json:
-            raise UsageError("--csv and --json both choose the form; leave out one")
+            raise UsageError("--csv and --json both choose the output format; leave out one")
         sheet = sheet_of(self.policy, loaded(self.policy, self.robot))
         if self.csv:
             say(sheet.to_csv())

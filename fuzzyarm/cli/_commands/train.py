@@ -79,7 +79,7 @@ class _EstimateOptions:
         config, arm = chosen(self, EstimateConfig()), chosen_arm(self.robot, None)
         folder = self.out / LAST
         if folder.exists():
-            raise UsageError(f"{folder} already holds a policy; choose another folder")
+            raise UsageError(f"{folder} already contains a policy; choose another folder")
         with claimed_folder(self.out):
             with progress("compiling and loading", config.chunks, first=1.0) as advance:
                 with _training_libraries():
@@ -140,7 +140,7 @@ def _errors(row: dict[str, Any]) -> str:
     """Return the largest tip errors of an evaluation by case; an empty string if the row has no errors."""
     return ", ".join(
         f"{case} {row[f'{case}_max_mm']:.2f}"
-        + ("" if row[f"{case}_share"] == 1.0 else f" (left after {100 * row[f'{case}_share']:.0f} %)")
+        + ("" if row[f"{case}_share"] == 1.0 else f" (ended after {100 * row[f'{case}_share']:.0f} %)")
         for case in PAPER_CASES
         if f"{case}_max_mm" in row
     )

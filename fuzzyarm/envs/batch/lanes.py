@@ -40,7 +40,7 @@ def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
         given = state.get(name)
         if not isinstance(given, np.ndarray) or given.dtype != own.dtype or given.shape != own.shape:
             found = f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else checks.shown(given)
-            raise ValueError(f"state[{name!r}] is {found}; needed: an array of {own.dtype} of shape {own.shape}")
+            raise ValueError(f"state[{name!r}] is {found}; it must be an array of {own.dtype} of shape {own.shape}")
         if given.dtype.kind == "f" and not np.isfinite(given).all():
             raise ValueError(f"state[{name!r}] contains numbers that are not finite")
         arrays[name] = np.array(given, order="C")
@@ -194,7 +194,7 @@ class Lanes:
             bad = int(np.argmin(np.isfinite(action).all(axis=1)))
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(
-                f"lane {bad}: action = {found} N m is not finite; allowed: finite torques, limited to ±{limit} N m"
+                f"lane {bad}: action = {found} N m is not finite; finite torques are clipped to ±{limit} N m"
             )
         room = self._memory.room()
         self._workers.run(self._step_in(room, action))
@@ -296,15 +296,20 @@ class Lanes:
             lane = int(np.argmax(wrong))
             begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
             raise ValueError(
-                f"state['clock'] places lane {lane} at row {row[lane]} of the schedule rows {first[lane]} to "
-                f"{last[lane]}; allowed: row {begins} to {latest[lane]} of the rows {begins} to {ends}. Pass a "
-                "state from get_state unchanged"
+                f"state['clock'] is impossible: lane {lane} is at row {row[lane]} of the time table, in an episode "
+                f"from row {first[lane]} to row {last[lane]}; allowed: row {begins} to {latest[lane]}, in an episode "
+                f"from row {begins} to row {ends}. Pass a state from get_state unchanged"
             )
         if not np.array_equal(arrays["drawn"], drawn):
-            raise ValueError("state['drawn'] does not match the state's keys; pass a state from get_state unchanged")
+            raise ValueError(
+                "state['drawn'] does not match the random keys in state['clock']; pass a state from get_state unchanged"
+            )
         changing = size(self.physics.State)
         if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
-            raise ValueError("state['values'] does not match the state's keys; pass a state from get_state unchanged")
+            raise ValueError(
+                "state['values'] does not match the random keys in state['clock']; pass a state from get_state "
+                "unchanged"
+            )
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""

@@ -206,18 +206,19 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
     bounds = bounds_of(arm)
     if reference.joints != len(bounds.low):
         raise ValueError(
-            f"reference moves {reference.joints} joints, but the plant has {len(bounds.low)}: build one for the plant"
+            f"the reference moves {reference.joints} joints, but the plant has {len(bounds.low)}: build a reference "
+            "for the plant"
         )
     made_for = getattr(reference, "parameters", getattr(reference, "robot", arm))
     if isinstance(made_for, ArmParameters) and isinstance(arm, ArmParameters):
         if made_for.length != arm.length:
             raise ValueError(
-                f"reference was made for links of {made_for.length} m, but the plant has links of {arm.length} m: "
+                f"the reference was made for links of {made_for.length} m, but the plant has links of {arm.length} m: "
                 "build the reference with the plant's `parameters`"
             )
     elif made_for != arm and not _same_frames(robot_of(made_for), robot_of(arm)):
         raise ValueError(
-            f"reference was made for {robot_of(made_for).name}, but the joint frames or the tip of the plant "
+            f"the reference was made for {robot_of(made_for).name}, but the joint frames or the tip of the plant "
             f"{robot_of(arm).name} differ: build the reference with the plant's `robot`"
         )
     motion = reference.sample(np.linspace(0.0, reference.duration, _CHECKED_INSTANTS))

@@ -57,11 +57,11 @@ class _Model:
         except ValueError as error:
             message = " ".join(str(error).split())
             if "multiple parents" in message:
-                message = f"two joints lead to one link, which closes the chain: {message}"
+                message = f"two joints lead to one link, which makes a closed chain: {message}"
             raise ValueError(message) from None
         spec, known = self.spec, {joint.name for joint in self.spec.joints}
         if unknown := set(fixed) - known:
-            raise ValueError(f"`fixed` names {listed(unknown)}; the model has the joints: {listed(known)}")
+            raise ValueError(f"`fixed` contains {listed(unknown)}, but the joints of the model are: {listed(known)}")
         self.chain = [joint for joint in spec.joints if joint.name not in fixed]
         if not self.chain:
             raise ValueError(
@@ -105,12 +105,12 @@ class _Model:
             if couples and free:
                 yield (
                     f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: list "
-                    f"{listed(map(repr, free))} under `fixed` in the overlay, or remove the coupling from the model"
+                    f"{listed(map(repr, free))} under `fixed` in the robot file, or remove the coupling from the model"
                 )
             elif not couples:
                 yield (
-                    f"a constraint between {listed(map(repr, names))} closes the chain, which a serial robot must not "
-                    "have: remove it from the model"
+                    f"a constraint between {listed(map(repr, names))} closes the chain, but the chain of a serial "
+                    "robot must be open: remove the constraint from the model"
                 )
 
     def _misplaced(self) -> Iterator[str]:
@@ -122,7 +122,7 @@ class _Model:
             if after.parent == before.parent or above != before.parent:
                 yield (
                     f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; list the joints "
-                    "outside the arm under `fixed` in the overlay, and give each joint a body of its own"
+                    "outside the arm under `fixed` in the robot file, and give each joint a body of its own"
                 )
 
     def _unlike(self) -> Iterator[str]:
@@ -132,7 +132,7 @@ class _Model:
                 kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
                 yield (
                     f"joint {shown(joint.name)} is {kind}; all joints must be revolute: list it under `fixed` in the "
-                    "overlay, or use a model without it"
+                    "robot file, or use a model without it"
                 )
             if joint.ref != 0.0:
                 yield f"joint {shown(joint.name)} has ref = {joint.ref}; define its frame at angle 0, with ref = 0"
@@ -149,7 +149,7 @@ class _Model:
                 heavy = heavy or bool(shapes) or (given and body.mass > _MASSLESS)
                 if any(map(_is_opened, shapes)):
                     link = f"link {shown(body.name)}"
-                    yield f"{link} takes its inertia from a mesh, and meshes are not read: {_WAY_OUT}"
+                    yield f"the inertia of {link} is defined by a mesh, and meshes are not read: {_WAY_OUT}"
                     without.append(body)
             if not heavy:
                 yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {_WAY_OUT}"
@@ -168,7 +168,7 @@ class _Model:
         rotors = [one for one in spec.actuators if np.any([one.armature, *one.damping])]
         found = [
             *(f"option {name}" for name in ("density", "viscosity", "disableactuator") if getattr(option, name)),
-            *(f"the disabled flag {one.lower()}" for one in off),
+            *(f"the flag that disables {one.lower()}" for one in off),
             *(["compiler settotalmass"] if spec.compiler.settotalmass > 0.0 else []),
             *(["flex"] if spec.flexes else []),
             *(f"gravcomp of link {shown(body.name)}" for body in moving if body.gravcomp),
@@ -247,7 +247,7 @@ class _Model:
         if name in self.acting:
             differs["torque_limit"] = f"the law and limits of its actuator {shown(self.acting[name])} are not read"
         elif values["torque_limit"] and low != -high:
-            differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, differ in the two directions"
+            differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, are not the same in both directions"
         return values, differs
 
     def stated(self, name: str, joint: int) -> dict[str, Any]:
@@ -266,7 +266,7 @@ class _Model:
         """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
-                f"it has no drive, and the model cannot state a drive's stiffness: add [joints.{name}] to the overlay"
+                f"it has no drive, and a model cannot state a drive's stiffness: add [joints.{name}] to the robot file"
             )
         values, differs = self._stated(name, number)
         given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}
@@ -278,7 +278,7 @@ class _Model:
             reasons = [differs[field] for field in lacking if field in differs]
             if absent := ", ".join(field for field in lacking if field not in differs):
                 reasons.append(f"the model has no {absent}")
-            raise ValueError(f"{', '.join(reasons)}; add {', '.join(lacking)} to [joints.{name}] in the overlay")
+            raise ValueError(f"{', '.join(reasons)}; add {', '.join(lacking)} to [joints.{name}] in the robot file")
         return values
 
 
@@ -314,7 +314,7 @@ def _text(path: Path) -> str:
     try:
         text = read_bytes(path, largest=_LARGEST_MODEL).decode("utf-8")
     except UnicodeDecodeError:
-        raise ValueError("not a URDF or MJCF file: it is not UTF-8") from None
+        raise ValueError("the model is not a URDF or MJCF file, because it is not UTF-8 text") from None
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:
@@ -391,7 +391,7 @@ def _robot(tree: _Model, overlay: _Overlay) -> Robot:
     model, data, complaints = tree.model, tree.data, tree.complaints
     known = " ".join(complaints)
     if unknown := set(overlay.joints) - set(tree.joints):
-        complaints.append(f"[joints] names {listed(unknown)}; the moving joints are: {', '.join(tree.joints)}")
+        complaints.append(f"[joints] contains {listed(unknown)}, but the moving joints are: {', '.join(tree.joints)}")
     rotation, origin, joints = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), []
     for name, k, body in zip(tree.joints, tree.numbers, tree.links, strict=True):
         turned = _neat(data.xmat[body].reshape(DIMENSIONS, DIMENSIONS))

@@ -130,7 +130,7 @@ def common_equations(arms: Sequence[AnyArm]) -> Physics:
     """Return the common equations of these arms; ValueError if they differ."""
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
-        same = "equal joint axes and rotations, and zeros in the same other numbers"
+        same = "equal joint axes and rotations, and the same other parameters equal to zero"
         raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each structure")
     return first
 

@@ -81,7 +81,7 @@ def completed(
             limit = own.get("torque_limit", stated.get("torque_limit"))
             near, factor = _nearest(robot_named(like), limit)
             own |= {quantity: _of_joint(near, quantity, factor) for quantity in absent}
-            assumed.append(f"{name}: {', '.join(absent)} of joint {near.name} of {like}, times {factor:.3g}.")
+            assumed.append(f"{name}: values of joint {near.name} of {like}, times {factor:.3g}: {', '.join(absent)}.")
             absent = []
         for quantity in absent:
             lacking.setdefault(quantity, []).append(name)
@@ -91,7 +91,7 @@ def completed(
             lines.append(f"the tip, one of {', '.join(tree.places())}, or a point x,y,z [m] in the last link's frame")
         raise Lacking("\n".join(lines), lacking)
     said = f"{path.name}: frames, inertias, and the quantities that it states"
-    chosen = [f"{name}: {', '.join(own)}, as given." for name, own in (given or {}).items() if own]
+    chosen = [f"{name}: values given by the user: {', '.join(own)}." for name, own in (given or {}).items() if own]
     return models.robot_of_model(tree, tip, numbers, (said, *_sources(like)), (*chosen, *assumed))
 
 

@@ -58,8 +58,9 @@ class Link:
         )
         _require(
             low + middle >= (1.0 - _TRIANGLE_ROUNDING) * high,
-            f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last above the sum "
-            "of the others, which is impossible; it must be taken about the mass center, in axes of the joint frame",
+            f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last of which is "
+            "above the sum of the others, which is impossible; it must be taken about the mass center, in axes of the "
+            "joint frame",
         )
 
 
@@ -90,8 +91,8 @@ class Drive:
     def __post_init__(self) -> None:
         if checks.is_real(self.motor_inertia) and self.motor_inertia == 0.0:
             raise ValueError(
-                "motor_inertia = 0.0 kg m^2: without a rotor's inertia the motor has no motion of its own; give the "
-                "rotor's inertia times the gear ratio squared; allowed: (0, 1e+12] kg m^2"
+                "motor_inertia = 0.0 kg m^2: the motor's equation of motion needs an inertia above 0; give the rotor's "
+                "inertia times the gear ratio squared; allowed: (0, 1e+12] kg m^2"
             )
         keep_quantities(self, wrong_type=ValueError)
         _require(

@@ -75,7 +75,7 @@ class Ranges:
             try:
                 found[words] = arm.with_drives(**drives)
             except ValueError as error:
-                raise ValueError(f"ranges: no arm can have {words}: {error}") from None
+                raise ValueError(f"ranges: an arm with {words} is impossible: {error}") from None
         return found
 
     def to_toml(self) -> str:

@@ -96,8 +96,8 @@ def _motion(robot: Robot, values: Any) -> np.ndarray:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != len(robot):
         raise ValueError(
-            f"angles, velocities and accelerations of {checks.shown(robot.name)} need shape (..., {len(robot)}); one "
-            f"of them has shape {array.shape}"
+            f"angles, velocities and accelerations of {checks.shown(robot.name)} must have shape (..., {len(robot)}); "
+            f"one of them has shape {array.shape}"
         )
     return array
 

@@ -61,8 +61,9 @@ class ElasticReference:
             if share[k, joint] > 1.0:
                 raise ValueError(
                     f"{name}_d{joint + 1} = {values[k, joint]:.6g} {unit} at t = {t[k]:.4g} s, which the motor must "
-                    f"reach for the links to follow the path, is outside the joint box; allowed: [{low[joint]:g}, "
-                    f"{high[joint]:g}] {unit}. Move the path, raise its duration, or stiffen the joints"
+                    f"reach for the links to follow the path, is outside the range of the joint; allowed: "
+                    f"[{low[joint]:g}, {high[joint]:g}] {unit}. Move the path, raise its duration, or stiffen the "
+                    "joints"
                 )
 
     @property

@@ -80,8 +80,9 @@ class GivenPath:
             wrong = [place for place, cell in enumerate(cells, start=1) if not _NUMBER.fullmatch(cell)]
             if wrong:
                 raise ValueError(
-                    f"line {reader.line_num}, cell {wrong[0]} is {checks.shown(row[wrong[0] - 1])}, not a number; each "
-                    f"line must be x,y or x,y,z in metres, after an optional heading {' or '.join(_HEADINGS)}"
+                    f"entry {wrong[0]} of line {reader.line_num} is {checks.shown(row[wrong[0] - 1])}, which is not a "
+                    f"number; each line must be x,y or x,y,z in metres, after an optional heading "
+                    f"{' or '.join(_HEADINGS)}"
                 )
             points.append(tuple(map(float, cells)))
         if len(points) > MOST_WAYPOINTS:

@@ -274,9 +274,9 @@ def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float
         k = int(np.argmax(outside))
         raise ValueError(
             f"the path leaves the reach of the arm at t = {t[k]:.4g} s: point ({position[k, 0]:.6g}, "
-            f"{position[k, 1]:.6g}) m is {distance[k]:.6g} m from the base; allowed: ({low:.6g}, {high:.6g}) m, "
-            f"the reach ring ({abs(length[0] - length[1]):g}, {length[0] + length[1]:g}) m less "
-            f"a margin of {_SINGULARITY_MARGIN} rad of q2 at each edge. Move or shrink the path"
+            f"{position[k, 1]:.6g}) m is {distance[k]:.6g} m from the base; allowed: ({low:.6g}, {high:.6g}) m. "
+            f"The arm reaches {abs(length[0] - length[1]):g} to {length[0] + length[1]:g} m from its base, and a "
+            f"margin of {_SINGULARITY_MARGIN} rad in q2 is kept at both limits. Move or shrink the path"
         )
 
 
@@ -298,9 +298,9 @@ def check_limits(
     if beyond[k, joint] > 0.0:
         first = int(np.argmax(beyond[:, joint] > 0.0))
         raise ValueError(
-            f"{names[joint]} leaves its range at t = {t[first]:.4g} s and is farthest outside at t = {t[k]:.4g} s, "
-            f"at {motion.q[k, joint]:.6g} rad, by {beyond[k, joint]:.3g} rad; allowed: [{low[joint]:.6g}, "
-            f"{high[joint]:.6g}] rad. {advice}"
+            f"{names[joint]} leaves its range at t = {t[first]:.4g} s and is farthest outside at t = {t[k]:.4g} s: "
+            f"its angle is {motion.q[k, joint]:.6g} rad there, {beyond[k, joint]:.3g} rad beyond the limit; allowed: "
+            f"[{low[joint]:.6g}, {high[joint]:.6g}] rad. {advice}"
         )
     share = np.abs(motion.dq) / speed
     k, joint = map(int, np.unravel_index(np.argmax(share), share.shape))

@@ -202,15 +202,17 @@ class TipReference(PathReference):
             if np.abs(after - q).max() <= EXACT:
                 return after
             q = after
-        raise self._lost(k, before, f"no posture was found for it, from {_shown(frames(self.robot, before).tip)} m")
+        tip = _shown(frames(self.robot, before).tip)
+        raise self._lost(k, before, f"the search that starts with the tip at {tip} m found no posture for this point")
 
     def _lost(self, k: int, q: np.ndarray, reason: str) -> ValueError:
         """Return the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
         time, point = float(time_at(_STEPS[k], self.duration)), self.path.points(_STEPS[k])[0]
         sharp = float(self._task.sharpness(frames(self.robot, q)))
         return ValueError(
-            f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
-            f"value {sharp:.2g}). Move or shrink the path, or start from another `posture`{self._or_free}"
+            f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (the smallest "
+            f"singular value of the scaled extended Jacobian is {sharp:.2g}). Move or shrink the path, or start from "
+            f"another `posture`{self._or_free}"
         )
 
     @property
@@ -237,9 +239,9 @@ class TipReference(PathReference):
             _, _, directions = np.linalg.svd(self._task.matrix(Frames(*(part[k] for part in now))))
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
-                f"the smallest singular value is {sharp[k]:.2g}; allowed: {_SHARPEST} or more. There "
-                f"{self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, or start "
-                f"from another `posture`{self._or_free}"
+                f"the smallest singular value of the scaled extended Jacobian is {sharp[k]:.2g}; allowed: {_SHARPEST} "
+                f"or more. There {self._joint(directions[-1])} turns most without moving the tip. Move or shrink the "
+                f"path, or start from another `posture`{self._or_free}"
             )
 
     def _joint(self, motion: np.ndarray) -> str:

@@ -116,11 +116,11 @@ def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[st
     for policy, numbers in bounds.items():
         if numbers is not None:
             rates = f"alpha = {at_least(numbers['alpha'], 3)} 1/s, gamma = {at_most(numbers['gamma'], 3)}"
-            lines.append(f"{policy}: rigid arm, {rates}, proven; fuzzyarm show {policy}")
+            lines.append(f"{policy}: proven for the rigid arm: {rates}; see fuzzyarm show {policy}")
         elif certificates[policy] is not None:
             lines.append(f"{policy}: its certificate is void along this path; see fuzzyarm show {policy}")
     others = [policy for policy, text in certificates.items() if text is None]
-    return [*lines, *([f"nothing proven for the rigid arm: {', '.join(others)}"] if others else [])]
+    return [*lines, *([f"nothing is proven for the rigid arm: {', '.join(others)}"] if others else [])]
 
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:

@@ -135,8 +135,9 @@ _REASONS = dict(zip(dict.fromkeys(claim.reason for claim in CLAIMS if claim.reas
 _SIGN = {"equal": "", "order": "~ ", "at most": "<= ", "more than": "> "}
 _GROUPS = {"statements": "Statements and settings", "table_2": "Table 2", "rollouts": "On the arm"}
 _LEGEND = (
-    "* agrees with the paper: a number in all printed digits, the size of a gain within a factor of ten, a bound if it "
-    "is met, a comparison if the order is the same. Where the paper gives no number, nothing is marked."
+    "* marks agreement with the paper: a number agrees in all printed digits, the size of a gain within a factor of "
+    "ten, a bound if it is met, a comparison if the order is the same. Where the paper gives no number, nothing is "
+    "marked."
 )
 
 
@@ -146,7 +147,7 @@ def _outcome(comparison: _Comparison) -> list[str]:
     others = dict.fromkeys(value.claim.key for value in judged if not value.agrees)
     return [
         f"{len(comparison.drifted)} of {sum(map(len, comparison.measured.values()))} numbers differ from the stored "
-        "ones by more than allowed; they alone set the exit code.",
+        "ones by more than allowed; only these set the exit code.",
         f"{len([value for value in judged if value.agrees])} of {len(judged)} numbers agree with the paper's; the "
         f"others, without *, belong to {', '.join(others)}.",
     ]

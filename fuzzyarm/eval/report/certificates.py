@@ -86,7 +86,7 @@ def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
                 return run
     raise ValueError(
         f"{check.path}: the evaluation has no episode of {claim.policy} in case {claim.case} on the {claim.path} that "
-        f"lasts {claim.duration:g} s; evaluate it, or leave the bound out"
+        f"lasts {claim.duration:g} s; run one with fuzzyarm evaluate, or leave the bound out"
     )
 
 

@@ -312,8 +312,8 @@ class _FrozenArm:
         torque, memory = self.policy.predict(observation, state=memory, deterministic=True)
         if torque.dtype != np.float64 or not isinstance(memory, np.ndarray | None):
             raise TypeError(
-                f"the torque is {torque.dtype} and the state of type {type(memory).__name__}; needed: a float64 "
-                "torque, and a NumPy array or None as state"
+                f"the policy returned a torque of type {torque.dtype} and a state of type {type(memory).__name__}; it "
+                "must return a float64 torque, and a NumPy array or None as state"
             )
         return torque if memory is None else np.hstack([torque, memory])
 

@@ -174,10 +174,10 @@ def ends_in_words(ends: Mapping[str, float | None]) -> str:
     """Return in words the spectral radius of each arm at the ends of ranges, the largest first."""
     ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
     first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
-    rest = f"; {', '.join(others)}" if others else ""
+    rest = "".join(f", {other}" for other in others)
     unstable = any(radius is None or radius >= 1.0 for radius in ends.values())
-    way = "; before you run it, measure the parameter with the worst end" if unstable else ""
-    return f"at the ends of the ranges: spectral radius {first}, the worst{rest}{way}"
+    way = "; before you run the policy, measure the parameter that gives the worst value" if unstable else ""
+    return f"has these spectral radii at the ends of the ranges: {first} (the worst){rest}{way}"
 
 
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
         if found in (0.0, math.inf):
             raise ValueError(
                 f"stable at every loop gain tried, {'up' if found else 'down'} to "
-                f"{GAIN_SPAN if found else 1 / GAIN_SPAN:g} times its own"
+                f"{GAIN_SPAN if found else 1 / GAIN_SPAN:g} times the nominal gain"
             )
         return found
 
@@ -234,13 +234,13 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     found = policy_margins(policy, arm, control_period)
     radii = [f"{name} {_radius_cell(radius)}" for name, radius in found["spectral_radius"].items()]
     lower, upper, later = (
-        found["reasons"].get(key) or f"stable {ways} to {found['loop_gain'][key]:.2f} times its loop gain"
+        found["reasons"].get(key) or f"stable {ways} to {found['loop_gain'][key]:.2f} times the nominal loop gain"
         for key, ways in zip(_LIMITS, ("down", "up", "up"), strict=True)
     )
     text = (
         f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {linearisation.POSTURES} "
         f"postures of its default path (measured, not proven), spectral radius: {', '.join(radii)}; "
-        f"{' and '.join(dict.fromkeys((lower, upper)))}, one sample later {later}"
+        f"{' and '.join(dict.fromkeys((lower, upper)))}; with one sample of delay, {later}"
     )
     unstable = [name for name, radius in found["spectral_radius"].items() if radius is None or radius >= 1.0]
     if not unstable:
@@ -278,14 +278,15 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
     path = "the paper's path" if robot is None else f"the default reference of {robot['name']}"
     notes = [
         f"Spectral radius of the loop over one control period of {1e3 * method['control_period']:g} ms, the largest at "
-        f"{method['postures']} postures of {path}: below 1, small deviations decay. Then the factors on the "
-        "loop gain between which it stays below 1.",
-        "A local measurement and not a proof: postures frozen, dry friction removed, deviations small. Each policy "
-        "keeps its nominal model of the arm.",
+        f"{method['postures']} postures of {path}: below 1, small deviations decay. The radius stays below 1 "
+        "between the listed factors on the loop gain.",
+        "This is a local measurement, not a proof: postures are frozen, dry friction is removed, and deviations are "
+        "small. Each policy keeps its nominal model of the arm.",
     ]
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
-            notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")
+            period = 1e3 * row["control_period"]
+            notes.append(f"{row['policy']} acts every {period:g} ms, which is its control period in this table.")
         if "ends" in row:
             notes.append(f"{row['policy']} {ends_in_words(row['ends'])}.")
         missing: dict[str, list[str]] = {}

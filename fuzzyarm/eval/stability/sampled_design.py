@@ -72,7 +72,8 @@ def why_unstable(controller: Controller | ScheduledController, arm: AnyArm, cont
         usual = gamma_for(controller.model.parameters, controller.alpha)
         if controller.gamma < 0.5 * usual:
             text = f" gamma = {controller.gamma:.3g} is strict for this arm; for its inertia, {usual:.3g} is usual."
-    return (f" With these gains, one change alone would give the loop its margins: {ways}." if ways else "") + text
+    enough_alone = f" With these gains, one change alone would give the loop the required margins: {ways}."
+    return (enough_alone if ways else "") + text
 
 
 def _policy(controller: Controller | ScheduledController, control_period: float) -> Linearisable:

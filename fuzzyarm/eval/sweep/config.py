@@ -110,7 +110,7 @@ class SweepConfig:
         self._check_grid()
         self._check_map()
         if self.plants > 1 and not self.drawn().varying(self.joints):
-            where, what = (" in each cell", "nothing else") if self.grid else ("", "nothing")
+            where, what = (" in each cell of the grid", "nothing else") if self.grid else ("", "nothing")
             raise ValueError(
                 f"plants = {self.plants}{where} would repeat one run, because {what} varies; use plants = 1"
             )
@@ -126,15 +126,16 @@ class SweepConfig:
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
             if name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
-                raise ValueError(f"grid over delay: its {number} values must be whole numbers of control periods")
+                raise ValueError(f"grid over delay: all {number} values must be whole numbers of control periods")
 
     def _check_map(self) -> None:
         texts("map", self.map)
         if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
-            raise ValueError(f"map = {list(self.map)} must be two different columns, or none")
+            raise ValueError(f"map = {list(self.map)} must name two different columns, or be empty")
         if self.map and self.grid:
             raise ValueError(
-                f"map = {list(self.map)}: with a grid, the heat maps are over its two quantities; leave out map"
+                f"map = {list(self.map)} cannot be combined with a grid, whose two quantities are the axes of the heat "
+                "maps; leave out map"
             )
         for column in self.map:
             choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))

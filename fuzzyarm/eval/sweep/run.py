@@ -166,7 +166,7 @@ class Sweep:
         """Return the results of the whole sweep; ValueError if a chunk is missing or damaged."""
         done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
         if missing := self.config.chunks - len(done):
-            raise ValueError(f"{self.folder} lacks the results of {missing} chunks: run these with --resume")
+            raise ValueError(f"{self.folder} does not contain the results of {missing} chunks: run these with --resume")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:

@@ -83,7 +83,7 @@ def find_gains(context: Context) -> Found:
         notes.append(f"No design with alpha = {alpha:g} 1/s meets the requirements on the sampled elastic arm.")
     else:
         way = "fuzzyarm design requires less, and names the limiting parameter of the arm"
-        return nothing(f"No design meets the requirements, down to alpha = {alpha:g} 1/s: {way}.", tried)
+        return nothing(f"No design meets the requirements, even with alpha = {alpha:g} 1/s: {way}.", tried)
     best = equals[0]
     controller = design(best.wanted, arm).controller
     controller.save(context.folder / f"{FUZZY}.json")
@@ -149,11 +149,12 @@ def _equals_of(made: Sequence[_Made]) -> list[_Made]:
 def _equals_in_words(equals: Sequence[_Made]) -> str:
     """Return a sentence on how the float part of the bound decided between equally good designs, the best first."""
     if len(equals) == 1:
-        return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound was not needed."
+        return f"No other motor error is within {100 * WORTH:g} % of the smallest, so the bound was not needed."
     best, worst = (one.measured["tip_deviation_mm"] for one in (equals[0], equals[-1]))
     return (
-        f"{len(equals)} designs have motor errors within {100 * WORTH:g} % of the smallest; with this one any friction "
-        f"deflects the tip by up to {best:.4g} mm (linear, in floats), with the others by up to {worst:.4g} mm."
+        f"{len(equals)} designs have motor errors within {100 * WORTH:g} % of the smallest; with the chosen one, any "
+        f"friction deflects the tip by up to {best:.4g} mm (linear, in floats), and with the others by up to "
+        f"{worst:.4g} mm."
     )
 
 

@@ -53,10 +53,13 @@ class Step(NamedTuple):
         found = self.choose(context)
         nominal = found.radii.get("nominal")
         if found.chosen is not None and (nominal is None or nominal >= 1.0):
-            found = nothing("Even with the best numbers, its loop is unstable.", found.tried)
+            found = nothing("Even with the best numbers found, the loop is unstable.", found.tried)
         rule = _RULES["two joints" if isinstance(context.arm, ArmParameters) else "robots"][self.policy]
         found = found._replace(measured=finite(found.measured), notes=tuple(found.notes))
         return Finding(SCHEMA, robot_of(context.arm).digest, self.policy, rule=rule, **found._asdict())
+
+
+_UNTUNED = "It is not tuned for robots: under its own name, it already uses softened weights of Table 1."
 
 
 def steps_for(arm: AnyArm) -> tuple[Step, ...]:
@@ -72,7 +75,7 @@ def steps_for(arm: AnyArm) -> tuple[Step, ...]:
         Step(FUZZY, 1, _robot_gains),
         Step(COMPUTED_TORQUE, 1, _robot_bandwidth),
         Step(ELASTIC_OBSERVER, 1, _robot_observer),
-        Step(ADAPTIVE_OBSERVER, 1, lambda context: nothing("By its name it has the weights of Table 1, softened.", 0)),
+        Step(ADAPTIVE_OBSERVER, 1, lambda context: nothing(_UNTUNED, 0)),
     )
 
 

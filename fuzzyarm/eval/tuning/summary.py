@@ -69,8 +69,8 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     parts = [
         f"# {name}, tuned",
         f"`fuzzyarm tune` chose the numbers of these policies for the arm of `robot.toml`, at a control period of "
-        f"{1e3 * PERIOD:g} ms: by its default path, which takes {reference.duration:g} s, and by margins on the "
-        f"sampled elastic arm, with up to {heaviest(arm):g} kg at the tip. No case with loads was used.",
+        f"{1e3 * PERIOD:g} ms. It used the arm's default path, which takes {reference.duration:g} s, and margins on "
+        f"the sampled elastic arm, with up to {heaviest(arm):g} kg at the tip, but no case with loads.",
         f"```\nfuzzyarm evaluate --robot {folder}\nfuzzyarm margins --robot {folder}\n"
         f"fuzzyarm sweep --robot {folder} --out sweep\n```",
         "## Decisions",
@@ -88,8 +88,9 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     proven = "Nothing: no controller file of this folder is proven."
     if any(finding.policy == FUZZY and finding.chosen is not None for finding in findings):
         proven = (
-            f"{FUZZY}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous time; "
-            f"`fuzzyarm verify {FUZZY}.json` proves it again and says what it means. Nothing is proven for the others."
+            f"{FUZZY}: every inequality of the file is proven in exact arithmetic, for the rigid arm in continuous "
+            f"time; `fuzzyarm verify {FUZZY}.json` proves them again and explains their meaning. Nothing is proven "
+            "for the other policies."
         )
     parts += ["## Margins", Sheet(head, rows).markdown(), *margin_notes(margins), "## Proven", proven]
     parts += [_bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]

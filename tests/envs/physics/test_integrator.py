@@ -108,7 +108,7 @@ def test_machine_code_is_numpy_bit_for_bit_and_each_lane_the_lane_alone(lanes):
     hold(state, torque, force, arms, 1e-4, 10)
     assert np.array_equal(state, expected) and np.array_equal(np.signbit(state), np.signbit(expected))
     assert np.array_equal(state[:, -1:], alone)
-    with pytest.raises(ValueError, match="needed: 4 float64 values per arm, stored in columns"):
+    with pytest.raises(ValueError, match="must have 4 float64 values per arm, stored in columns"):
         hold(state, torque, force[:2], arms, 1e-4, 10)
 
 

@@ -54,7 +54,7 @@ def test_a_file_without_the_table_has_no_ends(tmp_path):
             r"ranges: stiffness\[0\] of the arm = 64000.0 N m/rad is out of range",
         ),
         ("damping = [[1.0, 2.0], [1.0, 2.0]]", "unknown field damping; known: motor_inertia, stiffness"),
-        ("motor_inertia = [[1.0, 9.0], [0.4, 0.6]]", "ranges: no arm can have motor_inertia high: inertia"),
+        ("motor_inertia = [[1.0, 9.0], [0.4, 0.6]]", "ranges: an arm with motor_inertia high is impossible: inertia"),
     ],
 )
 def test_a_wrong_table_is_refused_by_every_reader(ranges, message, tmp_path):

@@ -38,7 +38,7 @@ def test_jacobian_and_gravity_are_gradients(robot):
 
 
 def test_mujoco_agrees(robot):
-    with pytest.raises(ValueError, match=r"angles.* need shape \(\.\.\., \d\).*\(9,\)"):
+    with pytest.raises(ValueError, match=r"angles.* must have shape \(\.\.\., \d\).*\(9,\)"):
         rigid_body.frames(robot, np.zeros(9))
     model = in_mujoco(robot)
     data, mass = mujoco.MjData(model), np.empty((len(robot), len(robot)))

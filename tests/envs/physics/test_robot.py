@@ -36,7 +36,7 @@ WRONG = [
     (JOINT, {"name": "two\nlines"}, "name = .* must be one line of text"),
     (LINK, {"mass": 0.0}, r"mass = 0.0 kg is out of range; allowed: \(0,"),
     (LINK, {"inertia": moments(0.1, 0.1, -0.1)}, "inertia has the principal moment -0.1 .* allowed: above 0"),
-    (LINK, {"inertia": moments(0.1, 0.1, 0.3)}, "the last above the sum of the others, which is impossible"),
+    (LINK, {"inertia": moments(0.1, 0.1, 0.3)}, "the last of which is above the sum of the others"),
     (LINK, {"inertia": ((0.1, 0.01, 0.0), *BALL[1:])}, "is not symmetric"),
     (DRIVE, {"motor_inertia": 0.0}, "motor_inertia = 0.0 kg m\\^2: .* rotor's inertia times the gear ratio squared"),
     (DRIVE, {"static_friction": 0.5}, "static_friction = 0.5 N m is below coulomb_friction"),
@@ -164,15 +164,15 @@ def test_urdf_with_an_overlay(tmp_path):
 @pytest.mark.parametrize(
     ("body", "head", "joints", "message"),
     [
-        (SECOND + URDF_JOINT.format("j3", "revolute", "a", "c", ""), "", ("j1",), "closes the chain: .*line 8"),
+        (SECOND + URDF_JOINT.format("j3", "revolute", "a", "c", ""), "", ("j1",), "makes a closed chain: .*line 8"),
         (URDF_JOINT.format("j2", "prismatic", "b", "c", ""), "", ("j1",), "joint 'j2' is prismatic; .*`fixed`"),
         (SECOND.replace("</joint>", '<mimic joint="j1"/></joint>'), "", ("j1",), "joint 'j2' mimics 'j1'; .*`fixed`"),
         (URDF_JOINT.format("j2", "revolute", "a", "c", ""), "", ("j1", "j2"), "'j2' does not follow joint 'j1'"),
         (MASSLESS, "", ("j1", "j2", "j3"), "joint 'j3' turns link 'd', which has no inertia: give the link an <iner"),
-        (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the overlay"),
+        (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the robot file"),
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
         (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is not a link or site"),
-        (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` names j9; the model has the joints: j1, j2"),
+        (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` contains j9, but the joints of the model are: j1, j2"),
         ('<include file="/etc/passwd"/>', "", ("j1",), "its <include> refers to another file"),
     ],
 )

@@ -87,7 +87,7 @@ def test_the_papers_speed_and_peak_torques_identify_start_angle_direction_and_el
 
 
 def test_unreachable_path_names_the_first_point_its_distance_and_the_ring():
-    message = r"t = 0 s: point \(0.9, 0.5\) m is 1.02956 m from the base; .* ring \(0, 1\) m less a margin of 0.05 rad"
+    message = r"t = 0 s: point \(0.9, 0.5\) m is 1.02956 m from the base; .* reaches 0 to 1 m .* margin of 0.05 rad"
     with pytest.raises(ValueError, match=message):
         JointReference(Circle(center=(0.9, 0.3)))
     x = 0.5 + 0.9 * quintic_time_law(np.linspace(0.0, 1.5, CHECKED_INSTANTS), 1.5)[0]
@@ -113,11 +113,11 @@ def test_the_ring_ends_at_the_margin_to_the_singular_configurations(length):
 
 def test_joint_limits_name_joint_value_and_limit():
     beyond_pi = Circle(center=(-0.345, -0.491))
-    with pytest.raises(ValueError, match=r"joint1 leaves .* at 3\.\d* rad, by .* \[-3.14159, 3.14159\] .*joint_limit"):
+    with pytest.raises(ValueError, match=r"joint1 leaves .* is 3\.\d* rad there.* \[-3.14159, 3.14159\] .*joint_l"):
         JointReference(beyond_pi)
     JointReference(beyond_pi, elbow_sign=-1)
     arm = ArmParameters(joint_limit=(math.pi, 1.9))
-    with pytest.raises(ValueError, match=r"joint2 leaves .* rad; allowed: \[-1.9, 1.9\] rad.*joint_limit"):
+    with pytest.raises(ValueError, match=r"joint2 leaves .* limit; allowed: \[-1.9, 1.9\] rad.*joint_limit"):
         JointReference(parameters=arm)
 
 

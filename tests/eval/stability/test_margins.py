@@ -94,7 +94,7 @@ def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
     assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
     assert set(row["reasons"]) == {*row["spectral_radius"], *row["loop_gain"]}
     assert all(
-        "state of type tuple; needed: a float64 torque, and a NumPy array or None as state" in reason
+        "state of type tuple; it must return a float64 torque, and a NumPy array or None as state" in reason
         for reason in row["reasons"].values()
     )
     rows = [{"policy": "p", **row}]
@@ -106,7 +106,7 @@ def test_a_gain_without_limit_is_none() -> None:
     """Springs without integral bear any smaller gain."""
     row = policy_margins(Springs(), ARM, 1e-3)
     assert row["loop_gain"]["lower"] is None and row["loop_gain"]["upper"] > 2.0
-    assert row["reasons"] == {"lower": "stable at every loop gain tried, down to 0.01 times its own"}
+    assert row["reasons"] == {"lower": "stable at every loop gain tried, down to 0.01 times the nominal gain"}
 
 
 def test_two_files_of_one_name_would_be_one_row(tmp_path: Path) -> None:

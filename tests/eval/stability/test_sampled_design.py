@@ -65,7 +65,7 @@ def test_the_number_in_the_way_is_named():
 
 @pytest.mark.slow
 def test_a_gamma_far_below_the_usual_one_of_an_arm_is_named_first():
-    with pytest.raises(DesignFailed, match=r"relax gamma to about.*for this arm's inertia, 0\.013 is usual"):
+    with pytest.raises(DesignFailed, match=r"relax gamma to about.*gamma = 0\.013 is usual for this arm's"):
         design(Specification(gamma=2e-4), PENDULUM)
 
 
@@ -89,4 +89,4 @@ def test_the_end_of_a_range_that_decides_is_named(tmp_path):
     ends = ends_of(policy, corners_of(str(robot)), 1e-3)
     assert ends["motor_inertia low"] > ends["motor_inertia high"]
     text = ends_in_words(ends)
-    assert "with motor_inertia low, the worst; " in text and "parameter with the worst end" in text
+    assert "with motor_inertia low (the worst), " in text and "parameter that gives the worst value" in text

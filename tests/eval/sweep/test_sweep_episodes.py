@@ -296,7 +296,7 @@ def test_a_grid_alone_varies_nothing_else_and_has_one_plant_in_a_cell():
         ({"grid": (GRID[0], ("payload", 0.0, 5.0, 1))}, "= 1 is out of range; allowed: 2, 3"),
         ({"grid": (GRID[0], ("delay", 0.0, 2.0, 4))}, "must be whole numbers of control periods"),
         ({"grid": GRID, "distribution": "nominal", "plants": 2}, "would repeat one run"),
-        ({"grid": GRID, "map": ("mass_1", "mass_2")}, "with a grid, the heat maps are over its two"),
+        ({"grid": GRID, "map": ("mass_1", "mass_2")}, "cannot be combined with a grid, whose two"),
         ({"map": ("mass_1", "noise")}, "choose from: mass_1"),
         ({"map": ("mass_1",)}, "two different columns"),
     ],

@@ -183,7 +183,7 @@ def test_bad_values_are_named(arguments, expected):
 def test_a_cluster_that_is_not_there_is_named_before_ray_looks_for_it(monkeypatch):
     """Ray itself would try for minutes."""
     monkeypatch.setattr("ray.init", lambda **_: pytest.fail("Ray was asked"))
-    with pytest.raises(ValueError, match=r"no Ray cluster at '127\.0\.0\.1:9'"):
+    with pytest.raises(ValueError, match=r"cannot connect to a Ray cluster at '127\.0\.0\.1:9'"):
         list(Engine("ray", address="127.0.0.1:9").run(poison, [0]))
 
 
