@@ -43,7 +43,7 @@ _Bundle = TypeVar("_Bundle")
 
 
 class BundleError(ValueError):
-    """Error for a folder that is damaged, incomplete or not a bundle; the message, one line, names the file and the remedy."""
+    """Error for a folder that is damaged, incomplete or no bundle; one line names the file and the remedy."""
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
@@ -148,7 +148,7 @@ class Trained:
 
     training: dict[str, Any] = dataclasses.field(default_factory=dict)  # settings of the training run
     seed: int = 0  # of the training run
-    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the training curve, one mapping each
+    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the learning curve, a mapping each
     versions: dict[str, Any] = dataclasses.field(default_factory=dict)  # of the libraries used in the training run
 
     @property

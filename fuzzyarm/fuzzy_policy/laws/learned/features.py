@@ -105,7 +105,7 @@ class Features:
         return out
 
     def advance(self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any) -> _Remembered:
-        """Return the memory after an observation and an action (n,) in [-1, 1]; method `told` returns `told`."""
+        """Return the memory after an observation and an action (n,) in [-1, 1]; `told` comes from the method `told`."""
         past, feedforward, aim = told
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
@@ -196,7 +196,7 @@ class Lanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Advance both memories by an action (lanes, n); replace scale · a in `torque` (lanes, n) by the torque [N m]."""
+        """Advance both memories by an action (lanes, n); `torque` (lanes, n) is scale · a, then the torque [N m]."""
         self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 
