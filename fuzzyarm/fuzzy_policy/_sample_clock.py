@@ -1,7 +1,7 @@
 """The time T between two samples, determined from their references.
 
-For a motion with known derivatives at two instants, the first relation (Hermite) determines T, and the second relation
-checks it:
+Given a motion and its derivatives at two instants T apart, the first relation (Hermite) determines T, and the second
+relation checks it:
 
     q(t+T) - q(t) = T/2 (q̇(t) + q̇(t+T)) - T²/12 (q̈(t+T) - q̈(t)) + O(T⁵),
     q̇(t+T) - q̇(t) = T/2 (q̈(t) + q̈(t+T)) + O(T³).

@@ -60,7 +60,7 @@ _Built = TypeVar("_Built")
 
 
 class ControllerFileError(ValueError):
-    """Error for a file that is damaged, no controller file, or made for another robot; the message says which."""
+    """Error for a file that is damaged, not a controller file, or for another robot; the message says which."""
 
 
 def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:

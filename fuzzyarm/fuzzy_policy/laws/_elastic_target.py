@@ -56,7 +56,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff includes dry friction else 0, and the time in units of T to extrapolate u_ff."""
+    """Links, motors, T [s], 1 if u_ff includes dry friction else 0, and the extrapolation of u_ff in units of T."""
 
     arm: Any
     drives: Drives

@@ -164,7 +164,7 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
         arm, stiffness = c.target.arm, c.target.drives.stiffness
 
         def begin() -> Estimate:
-            """Return the estimate with K_t (θ - q) = g(q) for the measured θ, links as fast as motors, and d = 0."""
+            """Return the first estimate: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, and d = 0."""
 
             def nearer(link: Any) -> Any:
                 weight = physics.gravity(PerJoint(*link), arm)

@@ -268,7 +268,7 @@ SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s, tried in this 
 def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
     """Return the default weights for an arm and a control period [s]; for a two-joint arm those of Table 1.
 
-    If no factor gives the margins, the factor with the smallest of the largest radii is used.
+    If no factor gives the margins, the factor with the smallest worst radius is used.
     """
     weights = ObserverWeights()
     if not isinstance(arm, Robot):

@@ -44,7 +44,7 @@ class ScheduledPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> Any:
-    """Return the law for robots with these equations; a premise is (joint, turns, whether a sine), of turns · q_joint.
+    """Return the law for robots with these equations; each premise is a sine or cosine of turns · q_joint.
 
     The law's constants are the links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), and T [s].
     """

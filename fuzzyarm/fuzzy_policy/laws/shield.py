@@ -24,7 +24,7 @@ __all__ = ["ShieldedPolicy"]
 
 
 def _admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
-    """Return u [N m] joint by joint for the torques u_f of the law, π of the guest and δ; see the module."""
+    """Return u [N m] joint by joint for the torques u_f of the law, π of the guest and δ."""
     return tuple(
         select(wanted == wanted, maximum(minimum(wanted, own + most), own - most), own)
         for own, wanted, most in zip(law, asked, margin, strict=True)

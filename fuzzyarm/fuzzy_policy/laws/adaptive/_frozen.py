@@ -46,7 +46,7 @@ class FrozenObserver(LawPolicy):
     """The frozen loop; see the module's docstring."""
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Use the gains of `policy` along the paper's path, and predict an arm without dry friction."""
+        """Use the gains of `policy` along the paper's path, and predict with an arm without dry friction."""
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop

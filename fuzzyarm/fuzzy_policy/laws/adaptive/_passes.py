@@ -1,6 +1,6 @@
 """Repeated passes over a path: the adaptive observer predicts the load of the next pass from the last.
 
-A pass is an episode along one reference. The state stores its measurements and commands. `begin_pass` finds the tip
+A pass is an episode along one reference; its state stores measurements and commands. `begin_pass` finds the tip
 force that explains all measurements, given the final estimates of the arm's constants, the payload and the delay. The
 force of pass j is the expected force plus the forces f found by `_Smoother`,
 

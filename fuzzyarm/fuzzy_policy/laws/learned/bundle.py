@@ -43,7 +43,7 @@ _Bundle = TypeVar("_Bundle")
 
 
 class BundleError(ValueError):
-    """Error for a folder that is damaged, incomplete or no bundle; one line names the file and the remedy."""
+    """Error for a folder that is damaged, incomplete or not a bundle; one line names the file and the remedy."""
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
@@ -64,7 +64,7 @@ def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str
 
 
 def is_observer(folder: Path) -> bool:
-    """Return whether a bundle's schema is a learned observer of any version; BundleError if it is damaged."""
+    """Return whether a bundle's schema names a learned observer, of any version; BundleError if it is damaged."""
     content = _content(folder / DESCRIPTION)
     return isinstance(content, dict) and str(content.get("schema")).startswith(_ANY_OBSERVER)
 
@@ -72,7 +72,7 @@ def is_observer(folder: Path) -> bool:
 def read_bundle(
     folder: Path, schema: str, kind: type, build: Callable[[Any, dict[str, np.ndarray], Any], _Bundle]
 ) -> _Bundle:
-    """Read a bundle; call `build` with its description, its arrays by name and the fields of `Trained`.
+    """Read a bundle; return the result of `build` for its description, arrays by name, and fields of `Trained`.
 
     BundleError if a file is missing, too large, damaged or of another schema, if the digest of the weights differs, if
     an array is not in single precision, or if the parts do not fit together.

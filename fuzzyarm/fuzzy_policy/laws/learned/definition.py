@@ -64,7 +64,7 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0`` with `history` past errors and actions, and the integral if any."""
+    """Return the features of ``FuzzyArmLearn-v0`` with `history` past errors and actions, plus an integral if any."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 

@@ -46,7 +46,7 @@ LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refus
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the arrays by name, for `hidden` numbers in h and `modulation` in tanh(P c).
 
-    Names are the fields of `EstimateNetwork`, shapes are (rows, columns), for an arm with these joints and tip axes.
+    Names are the fields of `EstimateNetwork`; shapes are (rows, columns), for `joints` joints and `axes` tip axes.
     """
     gates = _GATES * hidden
     unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
