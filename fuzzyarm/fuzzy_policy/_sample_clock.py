@@ -1,13 +1,13 @@
-"""The time between two samples, determined from their references.
+"""The time T between two samples, determined from their references.
 
-A motion and its derivatives at two instants, T apart, leave one T that agrees with both ends (Hermite), and a second
-relation to check it by:
+Given a motion and its derivatives at two instants T apart, the first relation (Hermite) determines T, and the second
+relation checks it:
 
     q(t+T) - q(t) = T/2 (q̇(t) + q̇(t+T)) - T²/12 (q̈(t+T) - q̈(t)) + O(T⁵),
     q̇(t+T) - q̇(t) = T/2 (q̈(t) + q̈(t+T)) + O(T³).
 
-T is accepted only if it solves both in every joint: a reference at rest, a jump to a new episode and numbers that are
-not a motion give no T. With a single joint, two intervals in a row must give the same T.
+T is accepted only if it satisfies both relations in every joint: a reference at rest, a jump to a new episode and
+numbers that do not describe a motion give no T. With a single joint, two successive intervals must give the same T.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from fuzzyarm.envs.observation import PARTS
 
 __all__ = ["SampleClock"]
 
-_TOLERANCE = 1e-3  # relative difference of T in two intervals in a row that counts as equal
+_TOLERANCE = 1e-3  # largest relative difference between the T of successive intervals that count as equal
 
-# Relative errors allowed in the first and second relation, where samples are far apart; and the share of the change of
-# an angle that rounding may have.
+# Relative errors that the first and the second relation may have, which matters for samples far apart; largest rounding
+# error of an angle relative to its change.
 _CLOSED, _SLOPED, _ROUNDED = 1e-4, 0.1, 1e-5
 
 
@@ -33,7 +33,7 @@ def _period_between(before: np.ndarray, after: np.ndarray) -> float:
     (q, dq, ddq), (q_after, dq_after, ddq_after) = (np.reshape(one, (PARTS, -1))[-3:] for one in (before, after))
     speed, slope = 0.5 * (dq + dq_after), 0.5 * (ddq + ddq_after)
     turned, faster, sharper = q_after - q, dq_after - dq, (ddq_after - ddq) / 12.0
-    # a T² - b T + c = 0 along the speed; the smaller root is the one for which T² may be left out
+    # a T² - b T + c = 0 in the direction of the speed; the smaller root is the one for which T² is negligible
     a, b, c = float(sharper @ speed), float(speed @ speed), float(turned @ speed)
     root = b * b - 4.0 * a * c
     if c <= 0.0 or root < 0.0:
@@ -46,21 +46,21 @@ def _period_between(before: np.ndarray, after: np.ndarray) -> float:
 
 
 class SampleClock:
-    """Finds the time between the samples that a policy sees in an episode, from the first lane."""
+    """The time between the samples that a policy receives in an episode, determined from the first lane."""
 
     def __init__(self) -> None:
         self.returned: Any = None  # the state that the policy returned last
-        self.samples: list[np.ndarray] = []  # observations (lanes, 5 n) that T is read from, in a row
-        # Whether two intervals in a row gave the same T; one alone may be of a sample that was left out.
+        self.samples: list[np.ndarray] = []  # successive observations (lanes, 5 n) that determine T
+        # Whether two successive intervals gave the same T; a single interval may span a sample that was left out.
         self.sure, self._found = False, 0.0
 
     def see(self, observation: np.ndarray, state: Any) -> float:
-        """Return T [s], to four digits, before this observation (lanes, 5 n); 0 where it is not known.
+        """Return the time T [s] since the last observation (lanes, 5 n), to four digits; 0 if it is not known.
 
-        `state` is the state passed with it: the observation follows the last one if `state` equals the last `returned`.
+        `state` is the state passed with this observation, which follows the last one if `state` equals `returned`.
         """
         seen, period = observation.copy(), 0.0
-        # Memories that are still empty are equal in any two episodes.
+        # Memories that are still zero are equal in any two episodes.
         copied = self.returned is not None and np.any(self.returned) and np.array_equal(state, self.returned)
         if self.samples and (state is self.returned or copied):
             period = _period_between(self.samples[-1][0], seen[0])

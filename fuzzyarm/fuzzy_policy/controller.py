@@ -21,12 +21,12 @@ from fuzzyarm.fuzzy_policy.ts_model import TSModel
 __all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "consistent_feedforward"]
 
 _SCHEMA = "fuzzyarm-controller/1"
-FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
+FORMS = ("consistent", "paper")  # forms of Theorem 2: with a consistent feedforward, and as printed in the paper
 _STATED = ("form", "integral", "common_multiplier")
 _ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
-POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
-_OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
-# Far wider than any useful value; products with the numbers of an arm stay finite.
+POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # arrays of the bound on the fastest pole
+_OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # fields that the file omits if they are None
+# Far wider than any useful range; products with the parameters of an arm stay finite.
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
 # Types in the file, where numbers are hexadecimal strings and arrays nested lists.
@@ -38,20 +38,20 @@ _FIELDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Controller(SignedController):
-    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r, and the matrices that prove it.
+    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r, and the matrices of its proof.
 
-    N vertices of A, N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs i <= j,
-    m multipliers. In the consistent form n = n_e, in the paper's form n = n_e + 4 (x_r). SI units throughout.
+    Sizes: N vertices of A and N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs
+    i <= j, m multipliers; n = n_e in the consistent form, n_e + 4 (with x_r) in the paper's form. SI units throughout.
     """
 
-    model: TSModel  # which holds the robot and the kept premises
+    model: TSModel  # contains the robot and the kept premises
     form: str  # "consistent" or "paper" (Theorem 2, or 1 if all premises are kept), see `proof._theorems`
     integral: bool  # whether x_I = ∫ (q - q_d) dt is fed back
     alpha: float  # guaranteed decay rate [1/s], in `RATES`
     # guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's form: from
     # (d, r) to Q^(1/2) e
     gamma: float
-    weight: np.ndarray | None  # diagonal (4,) of the paper's Q; None in the consistent form, z is the position error
+    weight: np.ndarray | None  # diagonal (4,) of the paper's Q; None in the consistent form: z is the position error
     common_multiplier: bool  # whether the dropped premises of A share one multiplier, as printed in Theorem 2
     gains: np.ndarray  # K̄ = [K H], (N, N_e, 2, n_e)
     # L, (N, N_e, 2, 6), on r = (q_d, q̇_d, q̈_d); None in the consistent form, where L follows from the model
@@ -61,8 +61,8 @@ class Controller(SignedController):
     X: np.ndarray  # (p, n, n) slack
     tau: np.ndarray  # (p, N_e, m) multipliers
     origin: dict[str, str]  # how it was made: objective, solver, versions
-    # β [1/s], above alpha and in `RATES`, V falls no faster than exp(-2βt); None, like the slack and the multipliers of
-    # that claim below, if no such bound is claimed. Consistent form only.
+    # β [1/s], above alpha and in `RATES`: V falls no faster than exp(-2βt). Without this claim, β and the slack and
+    # multipliers of the claim below are None. Consistent form only.
     fastest_pole: float | None = None
     pole_Q: np.ndarray | None = None
     pole_X: np.ndarray | None = None
@@ -95,7 +95,7 @@ class Controller(SignedController):
             raise ValueError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
 
     def _shapes(self) -> dict[str, tuple[int, ...] | None]:
-        """Return the shape of each array; None where the form has none."""
+        """Return the shape of each array by name; None for an array that the form does not have."""
         paper, pole = self.form == "paper", self.fastest_pole is not None and self.form == "consistent"
         n_e, reference_states = ERROR_STATES if self.integral else PLANT_STATES, PLANT_STATES if paper else 0
         N, N_e, m = len(self.model.A_vertices), len(self.model.E_vertices), len(self.model.uncertainties)
@@ -132,7 +132,7 @@ class Controller(SignedController):
 
     @classmethod
     def from_document(cls, content: Any) -> Controller:
-        """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
+        """Return the controller in a file's content; ValueError for another form or damaged or inconsistent content."""
         document = checked_fields(content, _SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
@@ -142,7 +142,7 @@ class Controller(SignedController):
             for name in (*_ARRAYS, *POLE_ARRAYS)
             if name in document
         }
-        # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
+        # Without dropped premises there are no multipliers, and JSON does not store the shape of an empty array.
         if arrays["tau"] is not None and arrays["tau"].size == 0:
             arrays["tau"] = np.zeros((len(document["Q"]), len(model.E_vertices), 0))
         numbers = {name: decoded(document[name]) for name in ("alpha", "gamma", "fastest_pole") if name in document}

@@ -1,4 +1,4 @@
-"""The arm known to a law, a two-joint arm or any robot, as numbers for compiled code."""
+"""The arm that a law knows (the two-joint arm or any robot), as numbers for compiled code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
 
 
 class Drives(NamedTuple):
-    """Motors and springs; each part is a number per joint, the number of one joint, or a row of an array."""
+    """Motors and springs; each part is one number per joint, a single joint's number, or an array's row."""
 
     motor_inertia: Any
     viscous_friction: Any
@@ -31,7 +31,7 @@ class Drives(NamedTuple):
     dry_friction: DryFriction
 
 
-QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)  # names of the numbers of `Drives`, in their order
+QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)  # names of the numbers of `Drives`, in order
 
 
 def checked_arm(name: str, arm: Any) -> AnyArm:
@@ -57,7 +57,7 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
 
 
 def _constants_of(arm: AnyArm) -> np.ndarray:
-    """Return the numbers (k,) of the `Physics.Arm` without a payload."""
+    """Return the constants (k,) of the `Physics.Arm` without a payload."""
     physics = equations_of(arm)
     return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
 
@@ -81,7 +81,7 @@ def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 
 
 def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
-    """Return the same arm with other quantities of its drives, each (n,) by name, SI units as in `Drive`."""
+    """Return the arm with `quantities` of its drives replaced, each (n,), in the SI units of `Drive`."""
     if isinstance(arm, Robot):
         joints = []
         for k, joint in enumerate(arm.joints):
@@ -93,7 +93,7 @@ def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
 
 
 def with_mass(robot: Robot, factor: float) -> Robot:
-    """Return a robot whose links have `factor` times their mass and inertia."""
+    """Return the robot with the mass and inertia of its links multiplied by `factor`."""
     joints = []
     for joint in robot.joints:
         mass, inertia = factor * joint.link.mass, as_rows(factor * np.array(joint.link.inertia))

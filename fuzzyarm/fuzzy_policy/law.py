@@ -2,9 +2,9 @@
 
     act(memory, seen, constants, *tables) -> (memory, torque)
 
-`memory` is a tree of numbers, zero when an episode begins; `seen` is an `Observation` with a record of one number for
-each joint in every part; `constants` is a tree of floats, and a table is looked up by `numbers.functions.row`. Torques
-are not clipped. The function can be run with floats; machine code and C are generated from a recording of it.
+`memory` is a tree of numbers, all zero when an episode begins; each part of `seen`, an `Observation`, is a record with
+one number per joint; `constants` is a tree of floats; rows of a table are read by `numbers.functions.row`. Torques are
+not clipped. The function can be run with floats; machine code and C are generated from a recording of its operations.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ __all__ = ["Law", "LawPolicy", "constants_array", "held_at_limits", "law_of", "s
 class Law(NamedTuple):
     """A law and its constants."""
 
-    act: Callable[..., tuple[Any, Any]]  # see the module
+    act: Callable[..., tuple[Any, Any]]  # see the module's docstring
     memory: Any  # a tree of zeros
     constants: Any  # a tree of floats
     tables: tuple[np.ndarray, ...] = ()  # arrays (rows, columns)
-    # whether `act` also takes ``admit``: the function that makes the torques which act of those that it asks for
+    # whether `act` has an argument ``admit``: a function that returns the applied torques for the requested torques
     told: bool = False
 
 
 def seen_by(joints: int) -> Observation:
-    """Return an observation of zeros for an arm with n joints, in records."""
+    """Return an observation of zeros for n joints, each part a record."""
     return Observation(*[per_joint(joints)(*[0.0] * joints)] * PARTS)
 
 
 def within(torque: Any, limit: Any) -> Any:
-    """Return torques within ±`limit` [N m], joint by joint."""
+    """Return torques clipped to ±`limit` [N m], joint by joint."""
     return type(torque)(*(minimum(maximum(u, -most), most) for u, most in zip(torque, limit, strict=True)))
 
 
 def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..., tuple[Any, Any]]:
-    """Return ``command(memory, seen, (constants, limit), *tables)``: the law within limits, see `Policy.command`."""
+    """Return ``command(memory, seen, (constants, limit), *tables)``, the law within limits; see `Policy.command`."""
 
     def command(memory: Any, seen: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         constants, limit = given
@@ -63,7 +63,7 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
 
 
 def held_at_limits(memory: Any, after: Any, integral_at: int, asked: Any, limits: Any) -> Any:
-    """Return the memory `after` a sample, with integrals held that would drive torques further beyond their limits.
+    """Return `after`, the memory after a sample, but hold integrals that would drive torques further beyond limits.
 
     x_I,j is held if u_j > high_j and Δx_I,j < 0, or u_j < low_j and Δx_I,j > 0, see `Policy.command`.
     """
@@ -77,7 +77,7 @@ def held_at_limits(memory: Any, after: Any, integral_at: int, asked: Any, limits
 
 
 def constants_array(law: Law, *others: Any) -> np.ndarray:
-    """Return the constants of a law (k,) and others, as arguments of its machine code."""
+    """Return the constants of a law, then `others`, as the array (k,) for its machine code."""
     return np.array([*flat(law.constants), *flat(others)], dtype=np.float64)
 
 
@@ -94,7 +94,7 @@ class LawPolicy(Policy):
         self._act_kernel((memory, observation, torque), self._constants, self.control_law.tables)
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
-        """Evaluate the law within its limits, see `Policy`."""
+        """Evaluate the law within the torque limits, see `Policy`."""
         if not self._lawful:
             return super().command(observation, memory, torque)
         alone = self._alone
@@ -106,7 +106,7 @@ class LawPolicy(Policy):
         return all_finite(torque)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Omit cached properties, which are recomputed when needed."""
+        """Return the attributes without cached properties, which are recomputed when needed."""
         parts = [part for kind in type(self).__mro__ if issubclass(kind, LawPolicy) for part in vars(kind).items()]
         made = {name for name, part in parts if isinstance(part, functools.cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in made}
@@ -147,7 +147,7 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm with arrays for each thread, since copying is faster than locating the caller's arrays."""
+    """A law for one arm, with its own arrays per thread: copying is faster than locating the caller's arrays."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque

@@ -1,4 +1,4 @@
-"""The base of all policies: the `predict` protocol of stable-baselines3, single and batched."""
+"""The base class of all policies: the `predict` protocol of stable-baselines3, single and batched."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 
 __all__ = ["PassLearner", "Policy", "Predictor"]
 
-_MISMATCH = 0.01  # relative difference between sample time and control period that raises no warning
+_MISMATCH = 0.01  # largest relative difference between sample time and control period without a warning
 
 
 class Predictor(Protocol):
@@ -46,12 +46,12 @@ class Policy(abc.ABC):
         parameters: the two-joint arm or the robot, as the policy knows it.
         joints: number of joints n.
         control_period: T, time between two calls of `predict` [s].
-        memory_size: size of a lane's memory, which is zero when an episode begins. By default one for each joint: the
+        memory_size: size of a lane's memory, which is zero when an episode begins. By default one number per joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         torque_limit: largest torques (n,) [N m].
         action_period: time for which an action is held [s]; by default the control period.
-        remake: makes this policy for another control period [s]; None if the user specified one.
-        integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None if none are.
+        remake: function that makes this policy for another control period [s]; None if the user specified one.
+        integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None without any.
     """
 
     integral_at: int | None = None
@@ -239,8 +239,8 @@ def _no_torque(observation: np.ndarray) -> ValueError:
 class PassLearner(abc.ABC):
     """A policy that learns from each pass over a path for the next; a pass is an episode along the path.
 
-    The state holds what has been learned. Its type is the `kind` of a subclass; its `memory` is that of the `policy`,
-    (lanes, memory_size).
+    The state contains what has been learned. Its type is the `kind` of a subclass; its `memory` (lanes, memory_size) is
+    the memory of the `policy`.
     """
 
     policy: Policy
@@ -272,11 +272,11 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> Any:
-        """Return the state before a first pass, with a memory of the policy."""
+        """Return the state before a first pass, with this memory of the policy."""
 
     @abc.abstractmethod
     def _go_on(self, seen: np.ndarray, state: Any) -> np.ndarray:
-        """Return the torques (lanes, n) [N m] of a sample, `_clipped`, and then advance the state."""
+        """Return the torques (lanes, n) [N m] for a sample, clipped by `_clipped`, and advance the state."""
 
     def _checked(self, state: Any) -> Any:
         """Return a state; TypeError or ValueError if it does not belong to this policy."""
@@ -295,4 +295,4 @@ class PassLearner(abc.ABC):
 
 
 NOTHING_LEARNED = "there is no pass to learn from: call predict along the path before begin_pass"
-"""What `begin_pass` answers to a state that has seen no sample."""
+"""Message of the ValueError that `begin_pass` raises for a state without samples."""

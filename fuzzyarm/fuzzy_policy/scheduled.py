@@ -1,13 +1,13 @@
-"""A controller of the form "semidefinite", for a serial robot of any number of joints, and its file.
+"""A controller of the form "semidefinite", for a serial robot with any number of joints, and its file.
 
 The law, with M̄ = M + R, R the reflected rotor inertias, and e = q - q_d, x_I = ∫ e dt, is
 
     u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̂(q) = Σ_r h_r(q) S_r,
 
 so that on the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The rules schedule the gains k ⊗ S_r over the
-kept premises z_l, cosines and sines of single angles or of twice an angle; each has two rules, with the weights
-(1 - z_l)/2 and (1 + z_l)/2, and h_r is their product, the first premise changing fastest with r. One rule holds M̂
-constant.
+kept premises z_l, which are cosines and sines of single angles or of twice an angle. Each premise has two weights,
+(1 - z_l)/2 and (1 + z_l)/2; h_r is the product of one weight of each premise, and the first premise changes fastest
+with r. With a single rule M̂ is constant.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = [
     "rule_weights", "speeds_of",
 ]  # fmt: skip
 
-# Name of the form, schema of its files, and the premises that there are
+# Name of the form, schema of its files, and possible premises
 FORM = "semidefinite"
 _SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
@@ -46,7 +46,7 @@ _NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 class Premise:
     """A kept premise: a function of one angle, between -1 and 1."""
 
-    joint: int  # place of the joint in the robot, from 0; joint 0 turns the whole robot and changes no inertia
+    joint: int  # index of the joint in the robot, from 0; joint 0 turns the whole robot and changes no inertia
     function: str  # one of `FUNCTIONS`
 
     def __post_init__(self) -> None:
@@ -83,10 +83,10 @@ _FIELDS = {
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledController(SignedController):
-    """Gains of the law above, and the numbers that prove it; n joints, N = 2^premises rules."""
+    """Gains of the law above, and the numbers of its proof; n joints, N = 2^premises rules."""
 
     robot: Robot  # the robot it was designed for
-    premises: tuple[Premise, ...]  # the kept ones, on different joints up to `split`
+    premises: tuple[Premise, ...]  # the kept premises, of different joints up to `split`
     inertia: np.ndarray  # S_r, (N, n, n) [kg m²]
     kappa: float  # κ, M̂ < M̄ < κ M̂ in the box
     floor: float  # σ [kg m²], σ I < M̂
@@ -143,7 +143,7 @@ class ScheduledController(SignedController):
 
     @property
     def speeds(self) -> np.ndarray:
-        """Largest speeds (premises,) [rad/s] of the kept angles in the box."""
+        """Velocity limits (premises,) [rad/s] of the joints on which the premises depend, see `speeds_of`."""
         return speeds_of(self.robot, self.premises)
 
     def inertia_at(self, q: np.ndarray) -> np.ndarray:
@@ -166,14 +166,14 @@ class ScheduledController(SignedController):
 
     @classmethod
     def from_document(cls, content: Any) -> ScheduledController:
-        """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
+        """Return the controller in a file's content; ValueError for another form or damaged or inconsistent content."""
         document = checked_fields(content, _SCHEMA, _FIELDS)
         robot = document["robot"]
         choice("form", document["form"], (FORM,))
         if document["robot_digest"] != robot.digest:
             raise ValueError("the robot's digest does not match: the file was changed")
         arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in _ARRAYS}
-        if document["split"] == len(robot):  # JSON keeps no shape of an empty array
+        if document["split"] == len(robot):  # JSON does not store the shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
         numbers = {name: decoded(document[name]) for name in _NUMBERS}
         return cls(**{name: document[name] for name in ("robot", "premises", "split", "origin")}, **arrays, **numbers)
@@ -190,7 +190,7 @@ def load_controller(path: str | Path) -> Controller | ScheduledController:
 
 
 def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
-    """Return the largest speeds (premises,) [rad/s] of the kept angles in a robot's box."""
+    """Return the velocity limits (premises,) [rad/s] of the premises' joints, which bound the box of the proof."""
     return np.array([robot.joints[premise.joint].velocity_limit for premise in premises])
 
 

@@ -55,16 +55,16 @@ def _digest_of(document: dict[str, Any]) -> str:
 
 
 _MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
-_LARGEST = 1e60  # of any entry of an array
+_LARGEST = 1e60  # magnitude of an array's entry
 _Built = TypeVar("_Built")
 
 
 class ControllerFileError(ValueError):
-    """A file is damaged, not a controller file, or made for another robot; the message says which."""
+    """Error for a file that is damaged, not a controller file, or for another robot; the message says which."""
 
 
 def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:
-    """Read a file and return `build` of its content; ControllerFileError if it is not valid."""
+    """Read a file and return what `build` makes of the content; ControllerFileError if the file is not valid."""
     try:
         return build(read_json(Path(path), largest=_MAX_BYTES))
     except DocumentError as error:  # names the file itself
@@ -78,8 +78,8 @@ def checked_fields(
 ) -> dict[str, Any]:
     """Return the fields of a document by name; ValueError if its schema, its fields or its digest are wrong.
 
-    `fields` has the type of each field except `schema` and `digest`; `optional` fields may be missing, and are then not
-    in the result.
+    `fields` gives the type of each field except `schema` and `digest`; `optional` fields may be missing, and are then
+    not in the result.
     """
     check_schema(content, schema)
     required = {"schema": str, **fields, "digest": str}
@@ -91,7 +91,7 @@ def checked_fields(
 
 
 class SignedController(abc.ABC):
-    """Base of the dataclasses of each form; ControllerFileError for fields that do not fit together."""
+    """Base class for the controllers of each form; ControllerFileError for fields that do not fit together."""
 
     def __post_init__(self) -> None:
         try:
@@ -111,25 +111,25 @@ class SignedController(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def from_document(cls, content: Any) -> Self:
-        """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
+        """Return the controller in a file's content; ValueError for another form or damaged or inconsistent content."""
 
     def _take(self, **values: Any) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
     def _array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Return a read-only copy of an array of this shape."""
+        """Return a read-only copy of the field `name`, an array that must have this shape."""
         array = finite_array(name, getattr(self, name), shape, largest=_LARGEST)
         array.flags.writeable = False
         return array
 
     @property
     def digest(self) -> str:
-        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
+        """The digest in the controller file: SHA-256 of its content, in hexadecimal digits."""
         return _digest_of(self._encoded)
 
     def to_json(self) -> str:
-        """Return the text of the controller file; its last line holds the digest."""
+        """Return the text of the controller file; its last line contains the digest."""
         entries = {**self._encoded, "digest": self.digest}
         lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
         return "{\n" + ",\n".join(lines) + "\n}\n"

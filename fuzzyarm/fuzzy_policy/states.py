@@ -1,4 +1,4 @@
-"""Where the parts of the states x = (q, q̇) and ē = (e, ė, x_I) lie, in arrays and in the rows of matrices."""
+"""Slices of the parts of the states x = (q, q̇) and ē = (e, ė, x_I), in arrays and in the rows of matrices."""
 
 from __future__ import annotations
 

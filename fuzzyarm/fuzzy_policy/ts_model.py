@@ -45,13 +45,13 @@ NAMED_RULES = {
 
 # sinc x = sin x / x has its minimum -0.21723362821122165740... where tan x = x (x = 4.4934...); rounded outwards.
 _SINC_MINIMUM = Fraction("-0.2172336282112217")
-# Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point; by this
-# number where the range is a point, as those of z2 and z3 without gravity: a weight divides by its width.
+# Bounds are widened by this share of their range, far more than the rounding error of a premise. A range of zero width
+# (z2 and z3 without gravity) is widened by this number, because a weight is divided by the width.
 _GUARD = Fraction(1, 10**12)
 
 
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
-    """Return the float beyond `low` (side -1) or `high` (side 1), widened by the guard."""
+    """Return `low` (side -1) or `high` (side 1), widened by the guard and rounded outwards to a float."""
     target = (low if side < 0 else high) + side * _GUARD * (high - low or 1)
     rounded = float(target)
     return rounded if side * (Fraction(rounded) - target) >= 0 else math.nextafter(rounded, side * math.inf)
@@ -69,7 +69,7 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several of one multiplier."""
+    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several with one multiplier."""
 
     premises: tuple[str, ...]  # the names; several where H and W are stacked, Δ = diag(f, ...)
     on: str  # the matrix it acts on, "E" (z1) or "A" (the others)
@@ -171,7 +171,7 @@ class TSModel:
         return self.polytope_in(float)
 
     def polytope_in(self, number: Callable[[float], Any]) -> _Polytope:
-        """Return vertices and uncertainties in another number type: exact ones prove what floats only approximate."""
+        """Return vertices and uncertainties in a number type; exact types prove what floats only approximate."""
         terms = _descriptor_terms(self.parameters, number)
         bounds = [(number(low), number(high)) for low, high in self.bounds.tolist()]
         middles = [(low + high) / 2 for low, high in bounds]
@@ -239,7 +239,7 @@ def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tup
 
 
 def rule_products(omega: Iterable[Any], lanes: tuple[int, ...] = ()) -> np.ndarray:
-    """Return the products (..., 2^k) of k numbers ω (...) or 1 - ω, the first fastest, its minimum first."""
+    """Return the products (..., 2^k) of ω or 1 - ω over k numbers ω (...); the first changes fastest, 1 - ω first."""
     weights = np.ones((*lanes, 1))
     for value in omega:
         ratio = np.asarray(value)[..., np.newaxis]

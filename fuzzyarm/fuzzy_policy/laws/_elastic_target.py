@@ -6,11 +6,11 @@ The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d); 
 
 τ_d follows from the reference in the observation; its derivatives are backward differences over the last three
 control periods, so that only a few past values of τ_d are stored. (`envs.scenario.elastic_reference`
-solves the same equation exactly for a reference known beforehand.) The torque that goes with θ_d is the feedforward
+solves the same equation exactly for a reference known beforehand.) The feedforward that moves the motors along θ_d is
 
     u_ff = I_a θ̈_d + f_v θ̇_d + F(θ̇_d) sign θ̇_d + τ_d,
 
-by default at t_k + T/2 instead of t_k: the mean over the coming hold, extrapolated from the last two samples.
+by default at t_k + T/2 instead of t_k: the mean over the next hold, extrapolated from the last two samples.
 
 Any policy can use it, because it reads only the observation.
 """
@@ -44,11 +44,11 @@ class Past(NamedTuple):
     latest: Any  # τ_d of the last sample [N m]
     second: Any  # τ_d of the sample before that
     third: Any  # τ_d of the sample before that
-    smooth: Any  # u_ff of the last sample, less its friction [N m]
+    smooth: Any  # u_ff of the last sample, without dry friction [N m]
 
 
 class Aim(NamedTuple):
-    """θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], joint by joint; a reference has the same order."""
+    """θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], joint by joint, in the same order as a reference."""
 
     q: Any
     dq: Any
@@ -56,7 +56,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff includes dry friction else 0, and the share of T for extrapolating u_ff."""
+    """Links, motors, T [s], 1 if u_ff includes dry friction else 0, and the extrapolation of u_ff in units of T."""
 
     arm: Any
     drives: Drives
@@ -94,7 +94,7 @@ def dry_friction_ahead(velocity: Any, acceleration: Any, dry: Any, c: TargetCons
 
 @functools.cache
 def target_of(physics: Physics) -> Any:
-    """Return ``target(past, seen, constants)`` for arms with these equations: (past, `Aim`, u_ff) of a sample."""
+    """Return ``target(past, seen, constants)`` for arms with these equations; it returns (past, `Aim`, u_ff)."""
 
     def target(past: Past, seen: Observation, c: TargetConstants) -> tuple[Past, Aim, tuple[Any, ...]]:
         torque = physics.inverse_dynamics(seen.q_reference, seen.dq_reference, seen.ddq_reference, c.arm)
@@ -122,10 +122,10 @@ class ElasticTarget:
     def __init__(
         self, parameters: AnyArm, control_period: float, *, friction: bool = True, average: bool = True
     ) -> None:
-        """Take the arm as the controller knows it and T [s], which must be positive.
+        """Set up the target for the arm as the controller knows it and T [s], which must be positive.
 
-        `friction` says whether u_ff includes dry friction, `average` whether it is for the middle of the next hold
-        rather than its start.
+        `friction` says whether u_ff includes dry friction, `average` whether u_ff is computed for the middle of the
+        next hold rather than its start.
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
         self._joints, self.memory_size = physics.joints, len(flat(past_of(physics.joints)))

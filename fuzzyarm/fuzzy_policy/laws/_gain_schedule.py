@@ -1,10 +1,10 @@
 """Tabulation of the elastic observer's gains: angles, points and interpolation.
 
 The mass matrix of the two-joint arm depends on cos q2 alone: its gains are tabulated at nine values of cos q2 and
-interpolated linearly. For a robot, the angles are the two on which its mass matrix depends most: with E[M | q_j] the
-mean over the other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each has eight points around the
-circle, where the gains are those of the mean of M over the other angles, and they are interpolated linearly in each
-angle.
+interpolated linearly. A robot's gains are tabulated over the two angles on which its mass matrix depends most: those
+with the largest normalised |E[M | q_j] - E[M]|², where E[M | q_j] is the mean over the other angles. Each angle has
+eight points around the circle. The gains at a point are designed for the mean of M over the other angles, and are
+interpolated linearly in each angle.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ __all__ = [
 ]  # fmt: skip
 
 _GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
-_POINTS = 8  # of an angle of a robot, 45° apart
+_POINTS = 8  # points per angle of a robot, 45° apart
 _MOST_KEPT = 2  # angles of a robot over which gains are tabulated
-_BITS = 30  # of a mean inertia
-_SAMPLES, _SEED = 64, 2022  # of the angles over which is averaged
+_BITS = 30  # precision of a mean inertia
+_SAMPLES, _SEED = 64, 2022  # of the random angles over which M is averaged
 
 
 class GainSchedule(NamedTuple):
     """The points of the tables, and how they are found."""
 
-    kept: tuple[int, ...]  # the numbers of the joints whose angles count
-    cosine: bool  # whether the points are even in the cosine of the one angle rather than in the angles
-    points: int  # of each angle
-    places: tuple[str, ...]  # the point's angles or cosine as text, for messages; points^k of them
-    inertia: np.ndarray  # M there, (points^k, n, n) [kg m²]
+    kept: tuple[int, ...]  # indices of the k joints over which gains are tabulated
+    cosine: bool  # whether the points are evenly spaced in the cosine of the single angle, rather than in the angles
+    points: int  # number of points per angle
+    places: tuple[str, ...]  # angles or cosine of each of the points^k points as text, for messages
+    inertia: np.ndarray  # M at each point, (points^k, n, n) [kg m²]
 
 
 def schedule_of(arm: AnyArm) -> GainSchedule:
@@ -62,7 +62,7 @@ def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.nd
 
 
 def _kept_joints(robot: Robot) -> tuple[int, ...]:
-    """Return the numbers of the joints on whose angles the mass matrix depends most, ascending; never the first."""
+    """Return the indices of the joints on which the mass matrix depends most, ascending; never the first joint."""
     count = min(_MOST_KEPT, len(robot) - 1)
     others = random_angles(robot)
     whole = np.mean(mass_matrix(robot, others), axis=0)
@@ -87,10 +87,10 @@ def _of_robot(robot: Robot) -> GainSchedule:
 
 
 def _inertia_at(robot: Robot, angles: list[np.ndarray]) -> np.ndarray:
-    """Return the mean M (points, n, n) [kg m²] over angles (samples, n) [rad] of each point, to about nine digits.
+    """Return M (points, n, n) [kg m²], averaged over the angles (samples, n) [rad] of each point, to about nine digits.
 
     Processors sum the products in M in different orders. M_ij is rounded to a multiple of 2^-30 of a power of two near
-    √(M_ii M_jj), so that it is the same on all of them.
+    √(M_ii M_jj), so that M is the same on all processors.
     """
     mean = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in angles])
     size = np.frexp(np.diagonal(mean[0]))[1]
@@ -99,7 +99,7 @@ def _inertia_at(robot: Robot, angles: list[np.ndarray]) -> np.ndarray:
 
 
 def random_angles(robot: Robot) -> np.ndarray:
-    """Return angles (`_SAMPLES`, n) [rad] within the ranges of the joints, always the same."""
+    """Return random angles (`_SAMPLES`, n) [rad] within the joints' ranges, the same at every call."""
     low, high = np.array([joint.angle_range for joint in robot.joints]).T
     return np.random.default_rng(_SEED).uniform(
         np.maximum(low, -np.pi), np.minimum(high, np.pi), (_SAMPLES, len(robot))
@@ -115,7 +115,7 @@ def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
 
 
 def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
-    """Return copies of angles (k, n) with the kept ones at each combination of points, the last one fastest."""
+    """Return copies of angles (k, n), one per combination of points of the kept angles; the last changes fastest."""
     turned = []
     for place in itertools.product(2.0 * np.pi * np.arange(_POINTS) / _POINTS, repeat=len(kept)):
         q = angles.copy()
@@ -125,12 +125,12 @@ def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
 
 
 def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list[tuple[Any, Any]]:
-    """Return (number, weight) of each of the 2^k points around angles q (n,) [rad]; weights add up to 1."""
+    """Return (row number, weight) of each of the 2^k points around angles q (n,) [rad]; weights add up to 1."""
     corners: list[tuple[Any, Any]] = [(0.0, 1.0)] * (1 << len(kept))
     for number, joint in enumerate(kept):
         if cosine:
             place = 0.5 * (sine_cosine(q[joint])[1] + 1.0) * (points - 1.0)
-            left = minimum(points - 2.0, maximum(0.0, floor(place)))  # nan is put into the table
+            left = minimum(points - 2.0, maximum(0.0, floor(place)))  # nan gives a row of the table, too
             share, right = place - left, left + 1.0
         else:
             place = q[joint] * (points / (2.0 * np.pi))

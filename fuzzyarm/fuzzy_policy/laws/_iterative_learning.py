@@ -1,11 +1,11 @@
-"""Classical iterative learning control around a `-tip` policy: the feedforward of a pass takes over the last feedback.
+"""Classical iterative learning control around a `-tip` policy: a pass adds the last pass's feedback as feedforward.
 
     u_j(k) = u_ff(k) + v_j(k) + w_j(k),     w_(j+1) = Q (w_j + v_j),     w_1 = 0.
 
-v_j is what the law adds to its feedforward in pass j, w_j what has been learned, Q a zero-phase Butterworth filter.
-With T the closed loop from a torque at the motors to minus the law's answer, w_(j+1) = Q ((1 - T) w_j + T d) for a
-repeating torque d, which converges where |Q (1 - T)| < 1. Like every policy it measures only the motors: it moves them
-to their target without load, and leaves the bending caused by a load.
+v_j is the law's feedback in pass j, w_j the learned torque, and Q a zero-phase Butterworth filter. Let T be the closed
+loop from a torque at the motors to minus the law's response. Then w_(j+1) = Q ((1 - T) w_j + T d) for a torque d that
+repeats in every pass, which converges where |Q (1 - T)| < 1. Like every policy, this one measures only the motors: it
+moves them to their target for the unloaded arm, and does not correct the bending caused by a load.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 __all__ = ["LearnedTorque", "TorqueLearning", "low_passed"]
 
-_CUT_OFF = 5.0  # Hz, of Q; with 10 Hz and more the payload case diverges
+_CUT_OFF = 5.0  # Hz, cut-off frequency of Q; with 10 Hz and more the payload case diverges
 _ORDER = 2
 _PADDING = 60  # samples
 
 
 @dataclasses.dataclass
 class LearnedTorque:
-    """A state between two samples."""
+    """The learner's state between two samples."""
 
-    memory: np.ndarray  # of the policy, (lanes, memory_size)
+    memory: np.ndarray  # memory of the policy, (lanes, memory_size)
     learned: np.ndarray  # w of this pass [N m], (samples, lanes, n); empty in the first pass
     added: list[np.ndarray]  # w + v of each sample so far, (lanes, n)
 
@@ -67,7 +67,7 @@ class TorqueLearning(PassLearner):
 
 
 def low_passed(signal: np.ndarray, cut_off: float, control_period: float) -> np.ndarray:
-    """Return samples (samples, ...) through a zero-phase Butterworth filter with a cut-off frequency [Hz]."""
+    """Return a signal (samples, ...) after a zero-phase Butterworth filter with a cut-off frequency [Hz]."""
     from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 
     sections = butter(_ORDER, min(cut_off / (0.5 / control_period), 0.99), output="sos")

@@ -1,13 +1,13 @@
-"""The discrete Riccati equation and the matrix exponential, with the same bits on every processor.
+"""The discrete Riccati equation and the matrix exponential, computed with the same bits on every processor.
 
     P = Q + Aᵀ P (I + G P)⁻¹ A
 
-Every number follows from +, -, * and / in one order, see `fuzzyarm.numbers.linear`. Matrices may have leading axes, one
-matrix for each of several postures.
+All results are computed with +, -, * and / in a fixed order, see `fuzzyarm.numbers.linear`. Matrices may have leading
+axes, one matrix for each of several postures.
 
-The equation is solved by doubling (Chu, Fan, Lin and Wang, International Journal of Control 77, 2004), which keeps its
-structure: for the arms of this package the gains have relative errors of about 1e-13, where the generalised Schur form
-of SciPy leaves 1e-9.
+The equation is solved by doubling (Chu, Fan, Lin and Wang, International Journal of Control 77, 2004), which preserves
+its structure: for the arms of this package the gains have relative errors of about 1e-13, compared with 1e-9 for the
+generalised Schur form in SciPy.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from fuzzyarm.numbers.linear import product, solved
 
 __all__ = ["exponential", "riccati"]
 
-_DOUBLINGS = 30  # at most: a closed loop then has forgotten 2^30 periods
-_FORGOTTEN = 1e-30  # largest entry of a power of the closed loop that counts as none
-_RESIDUAL = 1e-8  # of the equation for P_ij, in √(P_ii P_jj)
-_TERMS = 14  # of the Taylor series of the exponential, of a matrix whose norm is at most 1/2
+_DOUBLINGS = 30  # at most, which gives the 2^30-th power of the closed loop
+_FORGOTTEN = 1e-30  # largest entry of a power of the closed loop that counts as zero
+_RESIDUAL = 1e-8  # largest residual of the equation for P_ij, relative to √(P_ii P_jj)
+_TERMS = 14  # of the Taylor series of the exponential, for a matrix with a norm of at most 1/2
 
 
 def exponential(matrix: np.ndarray) -> np.ndarray:
@@ -43,8 +43,8 @@ def riccati(A: np.ndarray, G: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
         A_(k+1) = A_k W A_k,    G_(k+1) = G_k + A_k W G_k A_kᵀ,    P_(k+1) = P_k + A_kᵀ P_k W A_k.
 
-    A_k goes to zero like the 2^k-th power of the closed loop. P is nan where it does not, or where the equation does
-    not hold at the end.
+    A_k goes to zero like the 2^k-th power of the closed loop. P is nan where A_k does not go to zero, or where the
+    equation does not hold at the end.
     """
     n, power, grown, P = A.shape[-1], A, G, Q
     with np.errstate(over="ignore", invalid="ignore"):

@@ -2,8 +2,8 @@
 
     u = M(q) (q̈_d - 3ω ė - 3ω² e - ω³ x_I) + C(q, q̇) q̇ + g(q) + f_v q̇,      e = q_a - q_d,   x_I = ∫ e dt,
 
-M with the motor inertias, measured on the motor side: on the rigid arm a triple pole at -ω. The law has the same
-information, integral action and torque limits as the fuzzy policy.
+M includes the motor inertias, and q and q̇ are measured at the motors. On the rigid arm the loop has a triple pole at
+-ω. The law has the same information, integral action and torque limits as the fuzzy policy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, LinearLaw, 
 __all__ = ["ComputedTorquePolicy", "bandwidth_for"]
 
 _BANDWIDTH = 70.0  # default ω [rad/s] of a two-joint arm, and the largest one of a robot
-STEP = 5.0  # rad/s
+STEP = 5.0  # between two trial bandwidths [rad/s]
 
 
 class ComputedTorquePolicy(LawPolicy):
@@ -57,7 +57,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 
     The value for the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py`` (commit 2839bc83): the
     largest that stays stable with twice the loop gain and with one sample of delay. The same rule applies to a robot at
-    random postures of its range: the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
+    random postures of its range: the largest of 70, 65, ..., 5 rad/s that is stable, and 5 rad/s if none is.
     """
     if not isinstance(arm, Robot):
         return _BANDWIDTH
@@ -70,7 +70,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 
 
 def _linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
-    """Return the law of a bandwidth [rad/s] near rest, at a posture of a robot; its memory is x_I."""
+    """Return the law for a bandwidth [rad/s], linearised near rest at a posture; its memory is x_I."""
     inertia = place.inertia + np.diag(place.robot.drive("motor_inertia"))
     return observer_gains.linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
 

@@ -5,19 +5,19 @@ and links, and an unknown torque d on the links (a tip force, a payload), modell
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L (y - (θ̂, θ̂̇)⁻),
     act       u = u_ff - d̂ - K (x̂ - x_d),      x_d = (θ_d - K_t⁻¹ d̂, q_d, θ̇_d, q̇_d),
-    predict   (x̂, d̂)⁻ = the step of the nominal elastic arm, with friction and stick, from (x̂, d̂) under u.
+    predict   (x̂, d̂)⁻ = the step of the nominal elastic arm, with friction and sticking, from (x̂, d̂) under u.
 
 θ_d and u_ff are those of `elastic_target`; K_t⁻¹ d̂ is the bending that the joints need not provide because d̂ supports
-the links. The prediction uses the torque within its limits, as the motors do, so there is no windup at a limit.
+the links. The prediction uses the clipped torque, which the motors apply, so there is no windup at a limit.
 
-`SmoothObserverPolicy` predicts with the dry friction of θ̇_d in place of that of the estimated velocity:
+`SmoothObserverPolicy` predicts with the dry friction at θ̇_d instead of the friction at the estimated velocity:
 
     predict   (x̂, d̂)⁻ = the step of the nominal elastic arm without dry friction under u - μ(|θ̇_d|) sign θ̇_d.
 
-Its prediction has no stick, hence no branches, so its motions over a set of arms stay together and can be enclosed.
+Its prediction has no sticking, hence no branches, so its motions over a set of arms stay together and can be enclosed.
 
-K and L are tabulated by `observer_gains` over the angles of `gain_schedule` and interpolated. The integral action is in
-d̂: a constant torque on the links leaves no error at the tip.
+K and L are tabulated by `observer_gains` over the angles of `gain_schedule` and interpolated. d̂ provides the integral
+action: a constant torque on the links leaves no error at the tip.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for
 class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
-    Its memory is that of `ElasticTarget`, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
-    n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule are `feedback` and `observer`.
+    The memory contains the memory of `ElasticTarget`, a flag that is 1 after the first sample, and the prediction
+    (x̂, d̂)⁻. `feedback` and `observer` are K (points, n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule.
     """
 
     _smooth = False  # whether the prediction is without dry friction
@@ -69,15 +69,15 @@ class ElasticObserverPolicy(LawPolicy):
     ) -> None:
         """Design the gains for the arm as the controller knows it (default Table 1) and T [s], at most 0.1 s.
 
-        Weights of the Riccati equations are by default those of `observer_gains.weights_for`. ValueError if the control
-        period is out of range, or there are no gains for these arguments.
+        By default the weights of the Riccati equations are those of `observer_gains.weights_for`. ValueError if the
+        control period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.weights = weights or observer_gains.weights_for(self.parameters, self.control_period)
         self._substeps = default_substeps(self.control_period, fastest_rate([self.parameters]))
         tables = observer_gains.gain_tables(self.parameters, self.control_period, self.weights)
         self._schedule, self.feedback, self.observer = tables
-        before = len(flat(past_of(self.joints))) + 1  # what the target remembers, and whether there was a sample
+        before = len(flat(past_of(self.joints))) + 1  # the target's memory, and the flag of the first sample
         self._predicted = slice(before, before + estimate_parts(self.joints).load.stop)
         self.memory_size = self._predicted.stop
         self._know(self.parameters)
@@ -104,11 +104,11 @@ class ElasticObserverPolicy(LawPolicy):
 
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
-        """The equations of the arm, and over which angles the gains are tabulated: the arguments of `steps_of`."""
+        """The arguments of `steps_of`: the equations of the arm, and the angles over which gains are tabulated."""
         return equations_of(self.parameters), *self._schedule[:3]
 
     def _know(self, parameters: AnyArm) -> None:
-        """Predict with the arm `parameters`; the gains stay the same."""
+        """Use the arm `parameters` for the prediction, with the same gains."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
         limit, substep = tuple(map(float, self.torque_limit)), self.control_period / self._substeps
@@ -116,13 +116,13 @@ class ElasticObserverPolicy(LawPolicy):
 
 
 class SmoothObserverPolicy(ElasticObserverPolicy):
-    """The observer whose prediction has no stick, see the module; arguments and memory are the same."""
+    """The observer with a prediction without sticking, see the module's docstring; same arguments and memory."""
 
     _smooth = True
 
 
 class Observed(NamedTuple):
-    """The memory: that of the target, 1 after the first sample, and (x̂, d̂)⁻."""
+    """The memory: the target's memory, a flag that is 1 after the first sample, and (x̂, d̂)⁻."""
 
     past: Past
     started: Any
@@ -130,7 +130,7 @@ class Observed(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """The target's constants, the torque limits [N m], a sub-step of the prediction [s], and how many there are."""
+    """The target's constants, the torque limits [N m], and length [s] and number of the prediction's sub-steps."""
 
     target: TargetConstants
     limit: Any
@@ -139,7 +139,7 @@ class Constants(NamedTuple):
 
 
 class _Corrected(NamedTuple):
-    """A sample after its correction: memory and aim of the target, u_ff, (x̂, d̂), ν, and where K is looked up."""
+    """A sample after its correction: memory and aim of the target, u_ff, (x̂, d̂), ν, and the table points of K."""
 
     past: Past
     aim: Any
@@ -153,9 +153,9 @@ class _Corrected(NamedTuple):
 def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> tuple[Any, Any, Any]:
     """Return the steps of a sample, for arms with these equations and gains over these angles, see `gain_schedule`.
 
-    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `_Corrected`.
+    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by the measurements and returns a `_Corrected`.
     ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].
-    ``predict(x, applied, c, arm)`` returns (x̂, d̂)⁻ of the next sample under the applied torques, for an arm.
+    ``predict(x, applied, c, arm)`` returns (x̂, d̂)⁻ of the next sample, for the arm under the applied torques.
     """
     target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints
 
@@ -164,7 +164,7 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
         arm, stiffness = c.target.arm, c.target.drives.stiffness
 
         def begin() -> Estimate:
-            """K_t (θ - q) = g(q) for the measured θ, links as fast as motors, d = 0."""
+            """Return the first estimate: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, and d = 0."""
 
             def nearer(link: Any) -> Any:
                 weight = physics.gravity(PerJoint(*link), arm)

@@ -38,7 +38,7 @@ class FuzzyPolicy(LawPolicy):
         """The law of the module's docstring."""
         model, n_e = self.controller.model, self.controller.gains.shape[-1]
         arm = arm_constants(model.parameters)
-        # Without the integral its gain is zero, so that one law serves both.
+        # Without the integral its gain is zero, so that one law serves both cases.
         gains = np.zeros((*self.controller.gains.shape[:-1], ERROR_STATES))
         gains[..., :n_e] = self.controller.gains
         rules = np.concatenate([gains, self.controller.feedforward_gains], axis=-1)
@@ -52,7 +52,7 @@ class FuzzyPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
-    """Return the law for controllers with these premises in A, and this number of vertices of E.
+    """Return the law for controllers with these premises in A and `of_E` vertices of E.
 
     Its constants are the gains [K H | L] of each rule and joint, the bounds of the premises, c2 [kg m²], c4 and c5
     [N m] of (3), and T [s].
@@ -67,7 +67,7 @@ def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
         sinc12, (sin2, cos2) = sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
         gravity = -c4 * sinc(q.joint1) - c5 * sinc12
         premises = cos2, gravity, -c5 * sinc12, c2 * dq.joint2 * sin2, -c2 * dq.joint1 * sin2
-        # 0 at the lower bound of a premise, 1 at the upper one, and no further
+        # 0 at the lower bound of a premise, 1 at the upper one, clipped beyond
         omega = {k: minimum(maximum((premises[k] - low[k]) / (high[k] - low[k]), 0.0), 1.0) for k in blending}
         error, wanted = (*e, *de, *x_I), (*seen.q_reference, *seen.dq_reference, *seen.ddq_reference)
         torque = [0.0] * JOINTS

@@ -1,25 +1,25 @@
 """The gains of the elastic observer: K and L from the Riccati equations of the linearised arm.
 
-The arm, motors and links with a load d on the links, is linearised at rest and held over a control period. Gravity's
-slope, the Coriolis torques and dry friction are left out, so it depends on the mass matrix M alone; the gains are
-tabulated over the angles that M depends on most, see `gain_schedule`. They have the same bits on every processor, see
-`riccati`. How they are used is in `elastic_observer`.
+The arm (motors, links, and a load d on the links) is linearised at rest and sampled over a control period. Gravity's
+slope, Coriolis torques and dry friction are left out, so that it depends on the mass matrix M alone; the gains are
+tabulated over the angles that M depends on most, see `gain_schedule`. The gains have the same bits on every processor,
+see `riccati`; `elastic_observer` describes their use.
 
-Default gains are stable on the sampled elastic robot anywhere in its range. At random postures the robot is
-linearised without gravity and dry friction, see `_sampled_arm`, and a law near rest is, with its memory s,
+Default gains are chosen to be stable on the sampled elastic robot anywhere in its range. At random postures the robot
+is linearised without gravity and dry friction, see `_sampled_arm`; near rest a law with memory s is
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
-with x the plant's 4 n states, u held over a period or one period late. `fuzzyarm.eval.stability` measures the same for
-any policy, with gravity, at postures of a path.
+where x is the plant's state (4 n,), and u is held over a period, at once or one period late. `fuzzyarm.eval.stability`
+measures the same for any policy, with gravity, at postures of a path.
 
-`ObserverWeights` were tuned for the two-joint arm. Where a robot's mass matrix depends on more angles than gains are
-tabulated over, they are too sharp, and the loop may be unstable in part of its range. With a factor s ≥ 1,
+`ObserverWeights` were tuned for the two-joint arm. If a robot's mass matrix depends on more angles than the table of
+gains, the feedback is too strong, and the loop may be unstable in part of the range. The substitutions
 
     link_angle → s link_angle,    link_velocity → √s link_velocity
 
-weaken the feedback and make it more robust. The smallest s of `SOFTENINGS` is taken with which the loop is stable at
-random postures in all of `_CONDITIONS`.
+with a factor s ≥ 1 weaken the feedback and make it more robust. The default is the smallest s of `SOFTENINGS` for which
+the loop is stable at random postures under all `_CONDITIONS`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numb
 
 
 class Estimate(NamedTuple):
-    """The parts of (x, d), one number per joint in each, or where they lie in an array."""
+    """The parts of (x, d), one number per joint in each, or their slices in an array."""
 
     q_motor: Any  # θ, motor angles [rad]
     q_link: Any  # q, link angles [rad]
@@ -62,12 +62,12 @@ class Estimate(NamedTuple):
 
     @property
     def state(self) -> slice:
-        """Where x, 4 n numbers in the order of `State`, lies in an array."""
+        """Slice of x, 4 n numbers in the order of `State`, in an array."""
         return slice(0, self.load.start)
 
 
 def estimate_parts(joints: int) -> Estimate:
-    """Return where the parts of (x, d), 5 n numbers, lie in an array, for n joints."""
+    """Return the slices of the parts of (x, d) in an array of 5 n numbers, for n joints."""
     return Estimate(*consecutive(*[joints] * len(Estimate._fields)))
 
 
@@ -78,15 +78,15 @@ class ObserverWeights:
     The first four defaults were chosen by ``python benchmarks/observer_tuning.py`` (commit 2839bc83) for the smallest
     tip error over random arms within stability margins. The last two are the encoder noise of the README's examples.
 
-    Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
+    Torques are relative to the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
     """
 
-    # link error [rad] that costs as much as the whole torque, weight 1/link_angle² against 1/Γ_max²
+    # link angle error [rad] that costs as much as the torque limit, weight 1/link_angle² against 1/Γ_max²
     link_angle: float = 0.0218
-    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
+    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the torque limit
     load_walk: float = 0.075  # random walk of d, share of the torque limit per √s
-    # white noise of the motor torque, share of the torque limit times √s. More of it makes the loop with the observer
-    # more robust (loop transfer recovery).
+    # white noise of the motor torque, share of the torque limit times √s; more noise makes the loop with the observer
+    # more robust (loop transfer recovery)
     motor_torque: float = 5.57e-4
     # standard deviation of the measured angle [rad]; only its ratio to the other noises counts
     encoder_angle: float = 1e-5
@@ -122,7 +122,7 @@ def _sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tup
 
 
 def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Any) -> np.ndarray:
-    """Return K (..., n, 4 n) of `_sampled_arm`, the linear quadratic regulator without a load; nan where there is none.
+    """Return K (..., n, 4 n) of `_sampled_arm`, the linear quadratic regulator without a load; nan if none exists.
 
     It minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|². The weights are `ObserverWeights` or the
     `AdaptiveWeights` of `adaptive.belief`.
@@ -137,7 +137,7 @@ def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weigh
 
 
 def _observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return L (..., 5 n, 2 n), the stationary Kalman gain of `_sampled_arm`; nan where there is none."""
+    """Return L (..., 5 n, 2 n), the stationary Kalman gain of `_sampled_arm`; nan if none exists."""
     (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
     joints, part = len(limit), estimate_parts(len(limit))
     measured = np.r_[part.q_motor, part.dq_motor]
@@ -164,7 +164,7 @@ def gain_tables(
 
 
 def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, weights: Any) -> np.ndarray:
-    """Return gains (points, ...); ValueError that names the place and the settings if one is nan."""
+    """Return the gains (points, ...); if one is nan, raise a ValueError that names the point and the settings."""
     for place, gain in zip(schedule.places, gains, strict=True):
         if not np.isfinite(gain).all():
             raise ValueError(
@@ -175,7 +175,7 @@ def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, w
 
 
 class Condition(NamedTuple):
-    """How the loop differs from the nominal one: factor κ on its gain, samples of delay, factor on the stiffness."""
+    """A deviation from the nominal loop: factor κ on its gain, samples of delay, and factor on the stiffness."""
 
     loop_gain: float = 1.0
     delay: int = 0
@@ -183,13 +183,13 @@ class Condition(NamedTuple):
 
 
 ONE_AT_A_TIME = (Condition(), Condition(loop_gain=2.0), Condition(delay=1))
-"""The margins of the bandwidth of computed torque: 6 dB, and one sample of delay."""
+"""The margins required of computed torque to find its bandwidth: 6 dB, and one sample of delay."""
 
 _CONDITIONS = (
     *(Condition(gain, delay) for gain in (1.0, 0.67, 1.5) for delay in (0, 1)),
     *(Condition(stiffness=factor) for factor in (0.9, 1.1)),
 )
-"""The margins of the observer's weights."""
+"""The margins required of the elastic observer to find its weights."""
 
 _COUNT = 16  # postures
 
@@ -200,7 +200,7 @@ class Place:
 
     q: np.ndarray  # the angles (n,) [rad]
     inertia: np.ndarray  # M (n, n) [kg m²]
-    robot: Robot  # the nominal one
+    robot: Robot  # the nominal robot
     control_period: float  # T [s]
 
     def plant(self, stiffness: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -210,7 +210,7 @@ class Place:
 
 
 class LinearLaw(NamedTuple):
-    """A law near rest, see the module: D (n, 4 n), C (n, m), G (m, 4 n), F (m, m), torques in N m."""
+    """A law near rest, see the module's docstring: D (n, 4 n), C (n, m), G (m, 4 n), F (m, m), torques in N m."""
 
     D: np.ndarray
     C: np.ndarray
@@ -230,13 +230,13 @@ def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: f
 
 
 def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[Place]:
-    """Return random postures, always the same, for a control period [s]."""
+    """Return `count` random postures, the same at every call, for a control period [s]."""
     angles = random_angles(robot)[:count]
     return [Place(q, M, robot, control_period) for q, M in zip(angles, mass_matrix(robot, angles), strict=True)]
 
 
 def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]) -> float:
-    """Return the largest |λ| per control period of the loop, over conditions; inf for a law whose gains are nan."""
+    """Return the loop's largest |λ| per control period over the conditions; inf for a law with nan as a gain."""
     if not all(np.isfinite(part).all() for part in law):
         return math.inf
     plants = {factor: place.plant(factor) for factor in {condition.stiffness for condition in conditions}}
@@ -250,7 +250,7 @@ def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
 
 
 def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
-    """Return the map of (x, s), or of (x, s, u) if u acts one period late."""
+    """Return the matrix of the loop for (x, s), or for (x, s, u) if u acts one period late."""
     joints, states = law.D.shape
     state = estimate_parts(joints).state
     A, B = plant[0][state, state], plant[1][state]
@@ -261,14 +261,14 @@ def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Con
     return np.block([of_state, of_memory, [D, C, np.zeros((joints, joints))]])
 
 
-SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s that are tried, one after the other
+SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s, tried in this order
 
 
 @functools.lru_cache(maxsize=32)
 def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
     """Return the default weights for an arm and a control period [s]; for a two-joint arm those of Table 1.
 
-    If no factor gives the margins, it is the one whose largest radius is smallest.
+    If no factor gives the margins, the factor with the smallest worst radius is used.
     """
     weights = ObserverWeights()
     if not isinstance(arm, Robot):
@@ -297,7 +297,7 @@ def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
     robot, joints = place.robot, len(place.robot)
     part = estimate_parts(joints)
     state = part.state
-    A, B = place.plant()  # what the observer predicts with
+    A, B = place.plant()  # the plant with which the observer predicts
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)
     acts[:, state] = -K

@@ -1,7 +1,7 @@
-"""The gains that the paper prints in section 6.2 for four rules, those with i = 1; they are also used for i = 2.
+"""The gains that the paper prints in section 6.2 for four rules: those for i = 1, which are also used for i = 2.
 
-K and H have the same sign, see docs/paper/reading.md. E_p1 is the vertex of the smallest z1 in both. No inequality
-proves this law.
+K and H have the same sign, see docs/paper/reading.md. E_p1 is the vertex of the smallest z1 in the paper and here. No
+inequality proves this law.
 """
 
 from __future__ import annotations
@@ -32,6 +32,6 @@ _L = np.array(
 
 
 def with_printed_gains(controller: Controller) -> Controller:
-    """Return a controller of four rules, of the same model, with the gains K_ik, H_ik and L_ik of the paper."""
+    """Return the controller, which must have four rules, with the gains K_ik, H_ik and L_ik of the paper."""
     gains = np.stack([np.concatenate([_K, _H], axis=-1)] * 2)
     return dataclasses.replace(controller, gains=gains, feedforward=np.stack([_L] * 2))

@@ -1,7 +1,7 @@
 """The law of a controller of the form "semidefinite", see `fuzzy_policy.scheduled`, as a policy.
 
-The speed in the Coriolis torques is the measured one, so that they leave no term in the error's equation. The policy
-measures q and q̇ at the motors.
+The Coriolis torques are computed from the measured velocity, so that they leave no term in the error's equation. The
+policy measures q and q̇ at the motors.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class ScheduledPolicy(LawPolicy):
     integral_at: int | None = 0
 
     def __init__(self, controller: ScheduledController, control_period: float = 1e-3) -> None:
-        """Take the controller, and T [s] in the allowed range; TypeError for a controller of another form."""
+        """Store the controller and T [s], which must be in range; TypeError for a controller of another form."""
         super().__init__(instance("controller", controller, ScheduledController).robot, control_period)
         self.controller = controller
 
@@ -44,9 +44,9 @@ class ScheduledPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> Any:
-    """Return the law for robots with these equations; premise l is a sine or cosine of turns times q_joint.
+    """Return the law for robots with these equations; each premise is a sine or cosine of turns · q_joint.
 
-    Its constants are the links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), and T [s].
+    The law's constants are the links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), and T [s].
     """
 
     def scheduled(x_I: Any, seen: Observation, constants: Any) -> tuple[Any, Any]:
@@ -77,5 +77,5 @@ def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> 
 
 
 def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw:
-    """Return the law near rest, at a posture of its robot; its memory is x_I."""
+    """Return the controller's law near rest at a posture of its robot; the law's memory is x_I."""
     return linear_pid(place, controller.inertia_at(place.q), *controller.feedback.tolist())

@@ -1,10 +1,10 @@
-"""A guest in a shield: any policy, whose torque stays near that of a law.
+"""A guest in a shield: any policy, with its torque kept near the torque of a law.
 
-    u = u_f + clip(π - u_f, ±δ),      u_f the torque of the law within the motors' limits, π that of the guest.
+    u = u_f + clip(π - u_f, ±δ),      u_f the torque of the law within the motors' limits, π the torque of the guest.
 
-Where π is not a number, u = u_f. Since |u - u_f| <= δ whatever the guest does, one proof of the law with any torque of
-that size beside it holds for every guest, see `docs/theory/tip.md`. The law does not know of the guest. A guest that
-integrates an error, or predicts the arm under its own torque, is given u; it would wind up otherwise.
+Where π is not a number, u = u_f. Since |u - u_f| <= δ whatever the guest does, a proof for the law with any additional
+torque of that size holds for every guest, see `docs/theory/tip.md`. The law receives no data from the guest. A guest
+that integrates an error, or predicts the arm under its own torque, receives u; otherwise it would wind up.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["ShieldedPolicy"]
 
 
 def _admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
-    """Return u [N m] joint by joint for the torques u_f of the law, π of the guest and δ; see the module."""
+    """Return u [N m] joint by joint for the torques u_f of the law, π of the guest and δ."""
     return tuple(
         select(wanted == wanted, maximum(minimum(wanted, own + most), own - most), own)
         for own, wanted, most in zip(law, asked, margin, strict=True)
@@ -32,10 +32,10 @@ def _admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
 
 
 class ShieldedPolicy(LawPolicy):
-    """The policy of the module's docstring. Its memory is that of the law, then that of the guest."""
+    """The policy of the module's docstring. Its memory is the law's memory, then the guest's memory."""
 
     def __init__(self, law: Policy, guest: Policy, margin: Any, *, beside: bool = False) -> None:
-        """Take a law, a guest and δ (n,) [N m]; π is the torque of the guest, or u_f and that torque if `beside`.
+        """Store a law, a guest and δ (n,) [N m]; π is the guest's torque, plus u_f if `beside` is true.
 
         ValueError if the law is not a `Law`, guest and law are for different arms or control periods, or δ is not a
         positive number for each joint.
@@ -77,7 +77,7 @@ class ShieldedPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law | None:  # type: ignore[override]
-        """The law of the module; None where the guest has none."""
+        """The law of the module's docstring; None if the guest has no `Law`."""
         law, guest = law_of(self.law), law_of(self.guest)
         if law is None or guest is None:
             return None

@@ -5,7 +5,7 @@ u_ff:
 
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
-For the fuzzy law that is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r of θ_d, and L at the measured
+For the fuzzy law this is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r for θ_d, and L at the measured
 and at the desired premises: L still cancels the same terms for the kept premises. θ_d is a twice differentiable
 reference like q_d, so the inequalities of the certificate also hold for it; d then includes other torques, see
 `tip_statement`.
@@ -31,10 +31,10 @@ __all__ = ["TipPolicy"]
 
 
 class TipPolicy(LawPolicy):
-    """A fixed law that tracks θ_d, see the module. Its memory is that of the law, then that of `ElasticTarget`."""
+    """A fixed law that tracks θ_d, see the module's docstring. Its memory is the law's, then `ElasticTarget`'s."""
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
-        """Wrap a policy; u_ff includes dry friction if `friction`, and is that of mid-hold if `average`."""
+        """Wrap a policy; u_ff includes dry friction if `friction`, and is computed for mid-hold if `average`."""
         super().__init__(law.parameters, law.control_period)
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
@@ -55,7 +55,7 @@ class TipPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law | None:  # type: ignore[override]
-        """The law of the module's docstring; None where the law that tracks θ_d has none."""
+        """The law of the module's docstring; None if the policy that tracks θ_d has no `Law`."""
         law = law_of(self.law)
         if law is None:
             return None
@@ -79,7 +79,7 @@ class TipPolicy(LawPolicy):
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
         target, measured = np.empty((len(observation), 3 * self.joints)), slice(2 * self.joints)
         self._target.advance(observation, target_memory, target, feedforward)
-        # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
+        # The law's torque for motors on θ_d and an empty memory: its own feedforward.
         resting = np.concatenate([target[:, measured], target], axis=1)
         self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
         self.law.act(np.concatenate([observation[:, measured], target], axis=1), law_memory, torque)
@@ -88,13 +88,13 @@ class TipPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, law: Any) -> Any:
-    """Return the law that has `law` track θ_d, for arms with these equations."""
+    """Return the law that makes `law` track θ_d, for arms with these equations."""
     target = target_of(physics)
 
     def tip(memory: tuple[Any, Past], seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:
         (own, past), (constants, of_target) = memory, given
         past, aim, u_ff = target(past, seen, of_target)
-        # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
+        # The law's torque for motors on θ_d and an empty memory: its own feedforward.
         _, feedforward = law(zeros(own), Observation(aim.q, aim.dq, *aim), constants, *tables)
         own, torque = law(own, Observation(seen.q_motor, seen.dq_motor, *aim), constants, *tables)
         return (own, past), tuple(u + (f - o) for u, f, o in zip(torque, u_ff, feedforward, strict=True))

@@ -1,1 +1,1 @@
-"""A filter that identifies the arm, its load and its delay while it moves, and the law that acts on it."""
+"""A filter that identifies the arm, its load and its delay during motion, and the law that uses the estimates."""

@@ -1,12 +1,12 @@
 """The adaptive observer with its adaptation frozen: the loop whose margins `fuzzyarm margins` measures.
 
-The constants of the arm, the payload and the delay stay at p_0; state and tip force are corrected with the gains
-that the filter has along the paper's path without load or noise, at the nearest posture:
+The constants of the arm, the payload and the delay stay at p_0. State and tip force are corrected with the filter's
+gains, recorded along the paper's path without load or noise, at the nearest posture:
 
     (x, F) ← (x, F) + L (y - (θ, θ̇)).
 
-The force along the path is part of F, in the direction of travel there. Unlike the adapting loop, this loop is linear
-at a posture. With adaptation the policy tolerates more, as long as it is excited.
+F includes the force along the path, in the direction of travel at that posture. Unlike the adapting loop, this loop is
+linear at a posture. With adaptation the policy tolerates more, as long as the motion excites it.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 __all__ = ["FrozenObserver"]
 
-_EVERY = 50  # control periods between two instants whose gains are kept
-_TENTH = 0.1  # of the path, left out at either end, where the motors stick
+_EVERY = 50  # control periods between two recorded gains
+_TENTH = 0.1  # share of the path left out at each end, where the motors stick
 
 
 class FrozenObserver(LawPolicy):
     """The frozen loop; see the module's docstring."""
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Use the gains of `policy` along the paper's path, and predict an arm without dry friction."""
+        """Use the gains of `policy` along the paper's path, and predict with an arm without dry friction."""
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop
@@ -67,7 +67,7 @@ class FrozenObserver(LawPolicy):
 
 
 def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.ndarray]:
-    """Return postures (k, n) and the gains there (k, 4 n + components of a force, 2 n)."""
+    """Return postures (k, n) [rad] and the gains at these postures (k, 4 n + components of a force, 2 n)."""
     arm, period, joints, states = policy.arm, policy.control_period, policy.joints, 4 * policy.joints
     reference = default_reference(arm)
     steps = int(reference.duration / period)
@@ -99,11 +99,11 @@ def _follow(physics: Physics, m: Memory, seen: Observation, s: Settings, posture
     torque, nearest, one = array(joints), array(2), room.one
     take_in(m, room, seen)
     begin(m, s, room)
-    m.flags[FLAG.lost] = 0.0  # it has no filter that could diverge, whatever is remembered
+    m.flags[FLAG.lost] = 0.0  # no filter can diverge here, whatever the memory says
     m.z[states] = 0.0
     for i in each(len(s.guess) - forces):
         m.z[states + forces + i] = s.guess[forces + i]
-    nearest[0], nearest[1] = 0.0, math.inf  # which posture, and the square of its distance
+    nearest[0], nearest[1] = 0.0, math.inf  # index of the nearest posture, and the square of its distance
     for k in range(len(postures)):
         square: Any = 0.0
         for j in range(joints):
@@ -116,7 +116,7 @@ def _follow(physics: Physics, m: Memory, seen: Observation, s: Settings, posture
         room.measured[j] -= m.z[j]
         room.measured[joints + j] -= m.z[2 * joints + j]
     for i in range(len(gain) // (2 * joints)):
-        at = i if i < states else i + 1  # the force along the path is part of the free one
+        at = i if i < states else i + 1  # the force along the path is part of the free force
         for k in range(2 * joints):
             m.z[at] += gain[i * 2 * joints + k] * room.measured[k]
     act(m.z, m, s, room, torque)

@@ -1,25 +1,25 @@
 """Repeated passes over a path: the adaptive observer predicts the load of the next pass from the last.
 
-A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` finds the tip
+A pass is an episode along one reference; its state stores measurements and commands. `begin_pass` finds the tip
 force that explains all measurements, given the final estimates of the arm's constants, the payload and the delay. The
-force of pass j is the expected force plus f of `_Smoother`,
+force of pass j is the expected force plus the forces f found by `_Smoother`,
 
     F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a zero-phase Butterworth filter,
 
 with the direction of travel t. The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces
-estimated while the constants changed would count twice any part moved from a force to the payload.
+estimated while the constants still changed would count a load twice if it moved from a force to the payload.
 
-How much of F_1 is a payload follows from how F_1 varies. F_1 is linear in the assumed payload m,
-F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload whose force has the smallest total variation,
+The payload's share of F_1 follows from the variation of F_1. F_1 is linear in the assumed payload m,
+F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload for which the force has the least total variation,
 
     min_{m ≥ 0} Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
 
-A force that represents a payload varies with the accelerations of the tip, and so does one estimated with a wrong
-payload. Later passes vary too little to decide. A negative payload, which the filter allows for where links are lighter
-than known, could also explain a pass, but the regulator scheduled by it loses an arm that is not so light.
+A force that represents a payload varies with the tip's acceleration, as does a force estimated with a wrong payload. In
+later passes the force varies too little to determine the payload. A negative payload, which the filter allows because
+links may be lighter than modelled, could also explain a pass, but a regulator scheduled by it loses a heavier arm.
 
 A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
-position; payload, constants and delay keep their learned values. The pass after it starts without learning.
+position; payload, constants and delay keep their learned values. The next pass starts with nothing learned.
 """
 
 from __future__ import annotations
@@ -47,28 +47,28 @@ if TYPE_CHECKING:
 __all__ = ["AdaptivePasses", "PassState"]
 
 _CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
-_FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
-_SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
-_REWEIGHTED = 50  # steps towards the least total variation
-_SMALLEST = 1e-2  # N, smaller changes of the force count as this one
-_TOGETHER = 16  # lanes whose notes are kept at once
+_FIRST_FORCE = 0.3  # standard deviation of the forces at the smoother's first sample, in unit forces
+_SAME_PATH = 1e-6  # rad; a reference that differs more from the previous pass's reference is another path
+_REWEIGHTED = 50  # iterations towards the least total variation
+_SMALLEST = 1e-2  # N; smaller changes of the force count as this one
+_TOGETHER = 16  # lanes that are smoothed at a time, which limits the memory for notes
 
 
 @dataclasses.dataclass
 class PassState:
-    """A state between two samples, of one arm or of lanes."""
+    """The learner's state between two samples, for one arm or several lanes."""
 
-    memory: np.ndarray  # of the policy, (lanes, memory_size)
-    # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first
+    memory: np.ndarray  # memory of the policy, (lanes, memory_size)
+    # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first pass
     expected: np.ndarray
-    path: np.ndarray  # q_d of the pass before, (samples, lanes, n)
-    references: list[np.ndarray]  # q_d of the samples so far
+    path: np.ndarray  # q_d of the previous pass, (samples, lanes, n)
+    references: list[np.ndarray]  # q_d of each sample so far, (lanes, n) each
     measured: list[np.ndarray]  # θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each
     commands: list[np.ndarray]  # torques commanded [N m], (lanes, n) each
     travels: list[np.ndarray]  # directions of travel, (lanes, axes) each
     early: np.ndarray  # memory of the policy after the first sample, (lanes, memory_size)
-    passes: np.ndarray  # over this path that have taught something, (lanes,)
-    other_path: np.ndarray  # whether a lane has left the path of the pass before: it expects nothing any more
+    passes: np.ndarray  # number of passes over this path that a lane has learned from, (lanes,)
+    other_path: np.ndarray  # whether a lane has left the previous pass's path and no longer uses the expected force
 
 
 class AdaptivePasses(PassLearner):
@@ -80,7 +80,7 @@ class AdaptivePasses(PassLearner):
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         self.policy = policy
         self._axes = equations_of(policy.arm).axes
-        self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
+        self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # of p in a memory
         self._payload = self._constants.start + policy.belief.payload.start
 
     def _go_on(self, seen: np.ndarray, state: PassState) -> np.ndarray:
@@ -104,8 +104,8 @@ class AdaptivePasses(PassLearner):
         """Return the state with which the next pass begins, see `PassLearner`.
 
         It keeps the filter's estimates of the arm's constants, delay and payload, and the expected force at each
-        sample. Everything else is reset: motors and links, the deviation of the force, commands, noise. A lane whose
-        filter has diverged, or that has left the previous pass's path, keeps nothing.
+        sample. Everything else is reset: motors and links, the deviation of the force, commands and noise. Lanes with a
+        diverged filter and lanes that have left the previous pass's path keep nothing.
         """
         state = self._checked(state)
         if not state.references:
@@ -123,7 +123,7 @@ class AdaptivePasses(PassLearner):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return the beliefs after the last sample, the expected force included, lane by lane."""
+        """Return the beliefs after the last sample, lane by lane; the force includes the expected force."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -135,7 +135,7 @@ class AdaptivePasses(PassLearner):
         return PassState(memory, expected, path, [], [], [], [], early=memory, passes=none, other_path=none != 0)
 
     def _bounded(self, covariance: np.ndarray) -> np.ndarray:
-        """Return covariances (lanes, N²) whose standard deviations are at most the first ones."""
+        """Return covariances (lanes, N²), scaled so that no standard deviation exceeds its initial value."""
         first = self.policy.settings.spread
         P = covariance.reshape(len(covariance), len(first), len(first))
         deviation = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
@@ -143,7 +143,7 @@ class AdaptivePasses(PassLearner):
         return np.asarray(P * factor[:, :, np.newaxis] * factor[:, np.newaxis, :]).reshape(len(P), -1)
 
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
+        """Return the expected force (samples, lanes, axes) and the payload (lanes,) for these lanes' next pass."""
         memory, before = state.memory[lanes], state.passes[lanes]
         smoother, payload = _Smoother(self.policy), memory[:, self._payload].copy()
         force = smoother.force(state, lanes, memory)
@@ -161,7 +161,7 @@ class AdaptivePasses(PassLearner):
 
 
 def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total (Weiszfeld)."""
+    """Return x (lanes,) for the least total variation of ``force + x slope`` (samples, lanes, axes) (Weiszfeld)."""
     a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
     for _ in range(_REWEIGHTED):
         weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), _SMALLEST)
@@ -177,13 +177,13 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
 
 
 def _lines(force: np.ndarray) -> np.ndarray:
-    """Return the force lines (samples, lanes, 2 axes) from each sample to the next; the last is constant."""
+    """Return the force lines (samples, lanes, 2 axes) from each sample to the next; the last line is constant."""
     later = np.concatenate([force[1:], force[-1:]])
     return np.concatenate([0.5 * (force + later), later - force], axis=2)
 
 
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
-    """Return the expected force (lanes, `KEPT` + 1, axes) at this sample, those before and the next."""
+    """Return the expected force (lanes, `KEPT` + 1, axes) at this sample, the samples before it, and the next one."""
     window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
@@ -193,18 +193,18 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
 
 
 class _Notes(NamedTuple):
-    """Data that the forward pass stores per sample; n joints, N numbers of z, of which s are the first."""
+    """Data that the forward pass stores per sample, for n joints and N numbers of z, which begins with (x, f)."""
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)
     columns: Any  # P_y (2 n, N)
-    slopes: Any  # F, the rows of x, to the next sample (4 n, N)
+    slopes: Any  # F, only the rows of x, to the next sample (4 n, N)
     forces: Any  # f⁻ (forces,)
-    rows: Any  # P⁻_f (forces, numbers of s)
+    rows: Any  # P⁻_f (forces, numbers of (x, f))
 
 
 class _Seen(NamedTuple):
-    """A sample: what is measured, with its variances; force lines to the next sample; torques commanded [N m]."""
+    """A sample: measurements and their variances, force lines to the next sample, and commanded torques [N m]."""
 
     measured: Any  # θ and θ̇ (2 n,)
     variances: Any  # (2 n,)
@@ -216,16 +216,16 @@ class _Seen(NamedTuple):
 class _Smoother:
     """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
 
-    s = (x, f) with x of the elastic arm and the forces f = (f_t, F) added to the expected one; the constants of the
-    arm, the payload and the delay are given and fixed. Forward it is the filter of `filter` without gate and dead zone,
-    in which f walks; at the first sample the links have the motors' velocities and the filter's angles. Backward
-    (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in reverse order
+    Its state is (x, f), with the elastic arm's x and the forces f = (f_t, F) added to the expected force; the arm's
+    constants, the payload and the delay are given and fixed. The forward pass is the filter of `filter` without gate
+    and dead zone, with f as a random walk; at the first sample the links have the motors' velocities and the filter's
+    angles. The backward pass (Bryson and Frazier) begins with λ = 0 after the last sample. At each sample, for the
+    measured numbers in reverse order, it sets
 
         λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
 
-    where h picks the measured number of s, ν is its innovation, s the variance of that, P_y the column of P by which it
-    corrected, and f⁻, P⁻ are what the filter had before the sample. Unlike the recursion of Rauch, Tung and Striebel
-    this inverts no covariance.
+    where h selects the measured number in (x, f), ν is its innovation with variance s, P_y its column of P, and f⁻ and
+    P⁻ are the filter's values before the sample. Unlike the Rauch-Tung-Striebel recursion, this inverts no covariance.
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
@@ -244,7 +244,7 @@ class _Smoother:
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
 
-        Constants, payload and delay come from a memory (lanes, memory_size); `lanes` selects lanes.
+        Constants, payload and delay come from a memory (lanes, memory_size); `lanes` selects the lanes of the state.
         """
         chosen = np.flatnonzero(lanes)
         groups = [slice(first, first + _TOGETHER) for first in range(0, len(chosen), _TOGETHER)]
@@ -268,7 +268,7 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return memories (lanes, numbers) before the first sample, of which `measured` (lanes, 2 n) is known."""
+        """Return memories (lanes, numbers) before the first sample, with its measurements `measured` (lanes, 2 n)."""
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
         memory[:, FLAG.calm], z = 0.0, memory[:, at.z]
@@ -276,7 +276,7 @@ class _Smoother:
         z[:, :n], z[:, 2 * n : 3 * n], z[:, 3 * n : 4 * n] = measured[:, :n], measured[:, n:], measured[:, n:]
         memory[:, at.P] = np.diag(spread * spread).ravel()
         first, before = (slice(at.commands.start + k * n, at.commands.start + (1 + k) * n) for k in range(2))
-        memory[:, first] = memory[:, before]  # without the command of the first sample, which is still to come
+        memory[:, first] = memory[:, before]  # the command of the first sample is still to come
         return memory
 
     def _forward_kernel(self) -> Kernel:

@@ -1,17 +1,17 @@
-"""The parameters that the adaptive observer estimates beside the arm's state, and its memory between samples.
+"""The parameters that the adaptive observer estimates besides the arm's state, and its memory between samples.
 
     p = (f_t, F, m_p, k, β, φ, μ, ι, w, d)
 
-The load is a force f_t along the reference's tip velocity, a free force F at the tip and a payload m_p there. k, β, φ,
-μ and ι are factors, one for each joint, of stiffness, damping, dry friction, link mass and inertia, and motor inertia.
-w is a torque added to that of each motor, and d the delay from a command to the motors, in control periods.
+The load consists of a force f_t along the reference's tip velocity, a free force F and a payload m_p, all at the tip.
+k, β, φ, μ and ι are factors, one for each joint, on stiffness, damping, dry friction, link mass and inertia, and motor
+inertia. w is a torque added to each motor's torque, and d the delay from a command to the motors, in control periods.
 
-The equations of the arm take numbers a that are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0). For the
-two-joint arm they are the constants of its equations. The constants of a robot are not affine in its masses; its
-numbers are those of the `Plant`, then a mass at the tip [kg], and the constants follow from them.
+The equations of the arm are computed from numbers a that are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0).
+For the two-joint arm, a contains the constants of its equations. A robot's constants are not affine in its masses: its
+a contains the numbers of the `Plant`, then a mass at the tip [kg], and the constants are computed from a.
 
-`AdaptiveWeights` states the prior uncertainty of p and the cost of errors: torques in shares of the arm's
-`torque_limit`, joint by joint, and forces in shares of `unit_force`, so that the same weights fit arms of another size.
+`AdaptiveWeights` contains the prior uncertainty of p and the cost of errors: torques relative to the arm's
+`torque_limit`, joint by joint, and forces relative to `unit_force`, so that the same weights fit arms of another size.
 """
 
 from __future__ import annotations
@@ -44,45 +44,45 @@ __all__ = [
 
 LONGEST_DELAY = 3  # longest time from a command to the motors that the filter considers [control periods]
 KEPT = 5
-"""References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
-the feedforward's change takes one more."""
-_REST = 1e-9  # m/s; below, a tip has no direction of travel
+"""Number of references stored, including the current one: derivatives of the joint torque are differences of four
+references, and the change of the feedforward needs one more."""
+_REST = 1e-9  # m/s; a slower tip has no direction of travel
 
 
 @dataclasses.dataclass(frozen=True)
 class AdaptiveWeights:
     """Weights of the filter and of the regulator, each in `WEIGHT_RANGE`."""
 
-    link_angle: float = 0.0037  # link error [rad] that costs as much as the whole torque
-    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
+    link_angle: float = 0.0037  # link angle error [rad] that costs as much as the torque limit
+    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the torque limit
     first_gain: float = 0.5  # share of the regulator's gain with which an episode begins
-    soft_start: float = 0.015  # how long it is that share [s], which then grows to 1 in as long again
+    soft_start: float = 0.015  # time for which this share stays constant [s]; it then grows to 1 in the same time
     motor_torque: float = 4.9e-4  # white noise of the motor torque, share of the torque limit times √s
-    # Share of the torque limit by which a motor's torque may be wrong after a jump of the commanded torque by the whole
-    # limit; it grows with the square of the jump
+    # Error of a motor's torque, as a share of the torque limit, after a jump of the commanded torque by the whole
+    # limit; the error grows with the square of the jump
     torque_doubt: float = 0.4
     travel_walk: float = 1.5  # random walk of the force along the path, share of the unit force per √s
     force_walk: float = 0.59  # random walk of each component of the free force, likewise
-    calm_walk: float = 0.33  # share of these walks that the forces make where nothing but noise corrects them
-    reopening: float = 0.29  # time of walk that a force is given at once where it begins to move [s]
+    calm_walk: float = 0.33  # share of these walks that is used while only noise corrects the forces
+    reopening: float = 0.29  # when a force begins to move, its variance grows at once by a walk of this time [s]
     encoder_angle: float = 2e-5  # standard deviation of a measured angle [rad]
     encoder_velocity: float = 2.1e-3  # standard deviation of a measured velocity [rad/s]
     first_force: float = 2e-3  # standard deviation of each force when an episode begins, share of the unit force
-    first_payload: float = 0.125  # of the payload at the tip, share of the mass of all links
-    first_stiffness: float = 0.12  # of the factors of joint stiffness
-    first_damping: float = 0.3  # of the factors of joint damping
-    first_friction: float = 0.3  # of the factors of dry friction
-    first_inertia: float = 0.06  # of the factors of link masses and of motor inertias
-    first_offset: float = 0.01  # of the torques beside the motors', share of the torque limit
-    first_scale: float = 0.1  # of a factor that all of the arm's constants share, as a wrong torque constant gives them
-    first_lateness: float = 1.5  # of the delay [control periods]
-    first_link_angle: float = 1e-3  # of the link angles [rad]
-    scale_doubt: float = 1.5e-3  # variance that a sample of surprise a adds to that factor, over a
+    first_payload: float = 0.125  # likewise of the payload at the tip, share of the mass of all links
+    first_stiffness: float = 0.12  # likewise of the factors on joint stiffness
+    first_damping: float = 0.3  # likewise of the factors on joint damping
+    first_friction: float = 0.3  # likewise of the factors on dry friction
+    first_inertia: float = 0.06  # likewise of the factors on link masses and on motor inertias
+    first_offset: float = 0.01  # likewise of the torques w added to the motors' torques, share of the torque limit
+    first_scale: float = 0.1  # likewise of a factor common to the arm's constants, as caused by a wrong torque constant
+    first_lateness: float = 1.5  # likewise of the delay [control periods]
+    first_link_angle: float = 1e-3  # likewise of the link angles [rad]
+    scale_doubt: float = 1.5e-3  # variance that a sample adds to the common factor, divided by the sample's surprise a
     gate: float = 1.5  # squared standardised innovation above which a sample counts less
-    # Squared innovation, in variances of the estimated noise, below which constants do not learn
+    # Squared innovation, relative to the variance of the estimated noise, below which the constants do not adapt
     dead_zone: float = 16.0
-    # Mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as lost; a mean above 2
-    # is not possible
+    # Mean jump of the commands, relative to the torque limits, from which on the loop counts as lost; a mean above 2 is
+    # not possible
     largest_swing: float = 0.5
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ class AdaptiveWeights:
 
 
 def unit_force(arm: AnyArm) -> float:
-    """Return the force [N] at the tip of the stretched arm that takes the whole torque of the first motor."""
+    """Return the force [N] at the tip of the stretched arm that needs the torque limit of the first motor."""
     if isinstance(arm, Robot):
         return float(arm.drive("torque_limit")[0] / reach(arm))
     return arm.torque_limit[0] / sum(arm.length)
@@ -104,7 +104,7 @@ def mass_of(arm: AnyArm) -> float:
 
 
 class _Belief(NamedTuple):
-    """The parts of p, or where they lie in an array; the forces come first, the delay last."""
+    """The parts of p, or their slices in an array; the forces come first, the delay last."""
 
     travel_force: Any  # f_t [N]
     force: Any  # F [N], (axes,)
@@ -118,12 +118,12 @@ class _Belief(NamedTuple):
     lateness: Any  # d [control periods]
 
 
-FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")  # the parts that are factors of the known arm
+FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")  # the parts that are factors on constants
 
 
 @functools.cache
 def belief_of(physics: Physics) -> _Belief:
-    """Return where the parts of p lie, as slices, for arms with these equations."""
+    """Return the slices of the parts of p for arms with these equations."""
     return _Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
 
 
@@ -132,7 +132,7 @@ class _Prior(NamedTuple):
 
     guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins
-    walk: Any  # how fast each number walks, per √s
+    walk: Any  # random walk of each number, per √s
     low: Any
     high: Any
 
@@ -141,7 +141,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
     """Return the prior for an arm."""
     w, limit, mass, unit = weights, per_joint_of(arm, "torque_limit"), mass_of(arm), unit_force(arm)
     first, force, torque = w.first_force * unit, 4.0 * unit, 0.2 * limit
-    parts = _Belief(  # p_0, deviation, walk, lowest and highest; a negative payload: links lighter than known
+    parts = _Belief(  # p_0, deviation, walk, lowest, highest; a negative payload: links lighter than modelled
         travel_force=(0.0, first, w.travel_walk * unit, -force, force),
         force=(0.0, first, w.force_walk * unit, -force, force),
         payload=(0.0, w.first_payload * mass, 0.0, -0.1 * mass, 2.0 * mass),
@@ -162,7 +162,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
 
 
 def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
-    """Return the numbers a (k,) of an arm with a payload [kg] and factors (n,) of its constants, by `FACTORS`."""
+    """Return the numbers a (k,) of an arm with a payload [kg] and factors (n,) on its constants, by `FACTORS`."""
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
     drawn["dry_friction"] = drawn.pop("friction")
@@ -185,7 +185,7 @@ def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ArmFunctions:
-    """Functions of the numbers a (k,) of an arm with these equations: n joints, a tip in a space of some axes."""
+    """Functions of the numbers a (k,) of an arm with these equations, n joints, and a tip in a plane or in space."""
 
     def __init__(self, physics: Physics) -> None:
         self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
@@ -193,16 +193,16 @@ class ArmFunctions:
         short = "motor_inertia", "viscous", "stiffness", "damping", "dry_friction"
         at, names = records.places(self._record), short if self._planar else QUANTITIES
         drives = (tuple(getattr(at, f"{name}{1 + joint}") for name in names) for joint in range(physics.joints))
-        self._drives = [flat(drive) for drive in drives]  # where the numbers of each joint's stand
+        self._drives = [flat(drive) for drive in drives]  # indices of each joint's numbers
 
     def constants_in(self, numbers: Any) -> Any:
-        """Return the constants of the equations."""
+        """Return the constants of the equations for the numbers a."""
         given, count = list(numbers), size(self._record)
         known = filled(self._record, given[:count])
         return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
 
     def drive(self, numbers: Any, joint: int) -> Drives:
-        """Return motor and spring of one joint."""
+        """Return the numbers of the motor and the spring of one joint."""
         found: Drives = filled(Drives, (numbers[k] for k in self._drives[joint]))
         return found
 
@@ -238,19 +238,19 @@ class ArmFunctions:
 class _Flags(NamedTuple):
     """The single numbers of a memory, or their indices."""
 
-    samples: Any  # how many there have been, up to 1e6
-    surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
+    samples: Any  # number of samples so far, up to 1e6
+    surprise: Any  # mean of ν²/s over the last samples; about 1 if the filter is right
     lost: Any  # 1 once the filter has diverged or the torques swing, else 0
     calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction
-    taught: Any  # 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0
-    swing: Any  # mean of the commands' jumps of the last samples, see `filter`
+    taught: Any  # 1 if the episode began with a memory learned in an earlier pass, else 0
+    swing: Any  # mean jump of the commands over the last samples, see `filter`
 
 
-FLAG = _Flags(*range(len(_Flags._fields)))  # where they stand
+FLAG = _Flags(*range(len(_Flags._fields)))  # indices of the flags
 
 
 class Memory(NamedTuple):
-    """The parts of one lane's memory as arrays; zeros when an episode begins. n joints, N numbers of z = (x, p)."""
+    """The parts of a lane's memory as arrays, zeros when an episode begins; n joints, N numbers of z = (x, p)."""
 
     flags: Any  # see `_Flags`
     z: Any  # prediction for this sample, (N,)
@@ -258,12 +258,12 @@ class Memory(NamedTuple):
     commands: Any  # torques commanded [N m], newest first, (`LONGEST_DELAY` + 2, n)
     references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n)
     read: Any  # θ, θ̇ and e of the last sample, see `filter`, (3, n)
-    moves: Any  # mean of the corrections of each force [N], then that of their square [N²], (forces + 1,)
+    moves: Any  # mean correction of each force [N], then the mean squared correction [N²], (forces + 1,)
     noise: Any  # variance of the noise of the measured angles [rad²], (n,)
 
 
 def places(physics: Physics) -> Memory:
-    """Return the parts as places of arrays in a law's memory."""
+    """Return the parts as arrays in a law's memory."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
     lists = (LONGEST_DELAY + 2, joints), (KEPT, 3, joints), (3, joints)

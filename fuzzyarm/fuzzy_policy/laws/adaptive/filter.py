@@ -1,54 +1,53 @@
 """The extended Kalman filter of the adaptive observer, and the confidence in its estimates.
 
-z = (x, p) with x = (θ, q, θ̇, q̇) of the elastic arm and p of `belief`; P is the covariance of its error. Everything is
-recorded and works in place on one lane's arrays; the sizes follow from the arrays.
+z = (x, p), with the elastic arm's state x = (θ, q, θ̇, q̇) and p of `belief`; P is the covariance of the error of z. All
+functions are recorded and work in place on one lane's arrays, which determine the sizes.
 
     correct   for each measured number y with variance r:  ν = y - z_y,  s = max(P_yy + r, ν²/gate),
               z ← z + P_y ν/s,   P ← P - P_y P_yᵀ/s,
-    predict   x ← what the arm of p does of x in a control period,   P ← F P Fᵀ + Q.
+    predict   x ← x after a control period, for the arm with parameters p,   P ← F P Fᵀ + Q.
 
 `gate` reduces the weight of outliers (Huber). The constants of the arm adapt only by the share
 
     λ = max(0, 1 - a/ν²)
 
-of a correction, a a multiple of the noise's variance: samples that sensor noise alone can explain do not change them.
-Without this dead zone the estimated stiffness drifts with the noise, because the noise in the estimated bending
-correlates with that in the innovation. The covariance of such a partial correction is that of the partial update of
-Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
+of a correction, where a is a multiple of the noise variance: samples that sensor noise alone can explain do not change
+the constants. Without this dead zone the estimated stiffness drifts with the noise, because the noise in the estimated
+bending correlates with the noise in the innovation. The covariance is updated as in the partial update of Schmidt's
+filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
-Forces drift little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
-means are over the last ten samples or so:
+The forces drift little while only noise corrects them. With c_k the correction of the forces by sample k, in N, and
+means over about the last ten samples,
 
     s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
-Corrections by noise point anywhere, so that s is about 0.05; those by a force that moves have one direction, and s
-goes to 1, however small they are. The ratio needs no variance of any sensor. Calm rises slowly and falls immediately.
-The forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance
-also grows by that of `reopening` seconds of walk, which it would have had without calm.
+Corrections by noise have random directions, so that s is about 0.05. Corrections by a moving force have one direction,
+and s goes to 1, however small they are. The ratio needs no variance of any sensor. Calm rises slowly and falls
+immediately. The random walk of the forces is scaled by (1 - calm) + `calm_walk` calm. When calm falls, the variance of
+the forces also grows by `reopening` seconds of walk, as it would have grown without calm.
 
-A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
-of the commands that are on their way. A wrong torque constant or delay acts through such jumps, and its effect on the
-motors would be mistaken for a load and answered by a larger jump.
+A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, with w = `torque_doubt` and the largest
+jump Δu of the commands on their way to the motors. A wrong torque constant or delay acts through such jumps, and its
+effect on the motors would be mistaken for a load and answered by a larger jump.
 
-A filter may converge to a wrong delay. Where the innovations are larger than it expects, the delay is doubted:
-a sample whose ν²/s is on average 1 + a adds `_LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
-that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
+A filter may converge to a wrong delay. If the innovations are larger than it expects, the variance of the delay grows:
+a sample with a mean ν²/s of 1 + a adds `_LATENESS_DOUBT` a, up to the initial variance. The same holds for a factor
+common to all of the arm's constants, as caused by a wrong torque constant. For any two of the constants' factors i, k,
 
     P_ik ← P_ik + min(`scale_doubt` a, max(0, `_LARGEST_SCALE` - min P_jj))
 
-to the covariance of any two of these factors, j being any of them.
+with the minimum over all such factors j.
 
-The law acts on the load that the noise of the encoders does not explain, see `_significant`. l are the forces and the
-payload, the first numbers of p, l_0 their first guess, and x the state:
+The law acts on the part of the load that encoder noise does not explain, see `_significant`. With the forces and the
+payload l (the first numbers of p), their initial guess l_0, and the state x,
 
     d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
 
-ρ is the share of the estimated noise in the variance that the filter expects of a measured angle, the largest
-of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly reduced (the
-positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a direction calm is 0,
-and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a. The filter itself continues with x
-and l.
+ρ is the estimated noise variance divided by the variance that the filter assumes for a measured angle, the largest
+ratio of all joints. A load within c standard deviations of that noise has no effect; a load far beyond is hardly
+reduced (the positive-part James-Stein estimator). ρ is 0 without noise, calm is 0 where corrections have a direction,
+and in both cases s is 1. x_a is the mean of x, given l_a. The filter itself continues with x and l.
 """
 
 from __future__ import annotations
@@ -77,24 +76,24 @@ __all__ = [
     "correct", "fill", "numbers_at", "predict", "sent", "take_in", "update",
 ]  # fmt: skip
 
-_ENOUGH = 1e6  # samples that are counted
-_STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
-_CHANGE = 6.0  # variance of e - e_last in `_note_noise`, in variances of the angles' noise
-_NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
-MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the estimated noise
-_SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
+_ENOUGH = 1e6  # largest count of samples
+_STATICS_STEPS = 20  # fixed-point iterations for the first estimate; for Table 1 each gains three digits
+_CHANGE = 6.0  # variance of e - e_last in `_note_noise`, relative to the variance of the angles' noise
+_NOISE_SHARE = 0.03  # weight of a sample in the estimated encoder noise, after enough samples
+MISTRUST = 8.0  # least variance assumed for a measured angle, relative to the variance of the estimated noise
+_SURPRISE_SHARE = 0.02  # weight of a sample in the mean surprise
 _DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
-_SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
-_SHARE = 0.1  # of a sample, in the means of the corrections
-_NOISE, _DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
-_CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
-_LATENESS_DOUBT = 0.01  # variance of the delay per surprise [control periods²]
-_LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
-_INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
-_ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
-_STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
-# Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
-# bends the equations.
+_SWING_SHARE = 0.1  # weight of a sample in the mean jump of the commands
+_SHARE = 0.1  # weight of a sample in the means of the corrections
+_NOISE, _DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and s from which they count as a motion
+_CALMING, _STIRRING = 0.02, 0.7  # weight of a sample in calm, when calm rises and when it falls
+_LATENESS_DOUBT = 0.01  # variance added to the delay per surprise [control periods²]
+_LARGEST_SCALE = 0.1  # if the variance of every factor is above this, the common factor is not doubted
+_INSIGNIFICANT = 1.25  # c for an arm with a noise estimate that is a mean over all samples
+_ROUNDING = 1e-9  # least share of a load's variance that the other loads do not explain
+_STILL = 1e-3  # correction of the forces by a sample that counts as zero, in unit forces
+# Steps of the finite differences for F (angles, velocities, loads, factors): far above rounding errors, and so small
+# that the equations are nearly linear.
 _STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
 _TINY = 1e-300
 
@@ -103,7 +102,7 @@ class Settings:
     """The constants of the law, as arrays and numbers; n joints, N numbers of z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
-        """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
+        """Set up for the known arm, T [s] and K, with a row for each payload and point (payloads · points, n · 4 n)."""
         belief, p = believed.belief_of(equations_of(arm)), believed.prior(arm, weights)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
@@ -116,32 +115,32 @@ class Settings:
             cautious[4 * n :][getattr(belief, name)] = 1.0
         self.weights = weights
         self.feedback = feedback
-        # Over the angles of which joints it is tabulated, whether at even cosines, and at how many points of each.
+        # Joints over which K is tabulated, whether at evenly spaced cosines, and the number of points per joint.
         self.schedule = schedule_of(arm)[:3]
         self.soft_samples = weights.soft_start / period
         self.base, self.slopes = believed.affine_numbers(arm)  # a_0 and S
         self.guess = p.guess  # p_0
-        self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # deviations of z as an episode begins (N,)
-        self.shared = shared  # what numbers of z share then, times its standard deviation (N,)
+        self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # initial standard deviations of z (N,)
+        self.shared = shared  # initial standard deviation of the common factor in each number of z (N,)
         self.low, self.high = p.low, p.high  # lowest and highest p
         # Diagonal of Q (N,).
         self.noise = np.concatenate([still, still, weights.motor_torque * limit / inertia, still, p.walk]) ** 2 * period
-        # Deviation of a motor velocity per square of a jump of its command [rad/s / (N m)²], (n,).
+        # Standard deviation of a motor velocity per squared jump of its command [rad/s / (N m)²], (n,).
         self.doubt = weights.torque_doubt * period / (inertia * limit)
         # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
         self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
-        self.still = (_STILL * believed.unit_force(arm)) ** 2  # of a correction of the forces that counts as none [N²]
-        self.steps = np.repeat(_STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
+        self.still = (_STILL * believed.unit_force(arm)) ** 2  # correction of the forces that counts as zero [N²]
+        self.steps = np.repeat(_STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the finite differences for F
         self.variances = encoder**2  # of the measured numbers (2 n,)
-        self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
+        self.cautious = cautious  # 1 for numbers of z that adapt only beyond the dead zone, else 0 (N,)
         self.gate = weights.gate
-        # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
-        # first guess, so that it does not say which loads are significant.
-        self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the estimated noise
+        # Nothing was tuned for robots, so adaptation begins more cautiously. Their estimated noise stays close to its
+        # initial guess for long, so that it cannot show which loads are significant.
+        self.first_share = _NOISE_SHARE if unknown else 1.0  # largest weight of a sample in the estimated noise
         self.insignificant = 0.0 if unknown else _INSIGNIFICANT**2  # c² of `_significant`
         self.limit = limit  # torque limits [N m]
-        self.mass = believed.mass_of(arm)  # of all links [kg]
-        self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
+        self.mass = believed.mass_of(arm)  # mass of all links [kg]
+        self.substeps = default_substeps(period, fastest_rate([arm]))  # number per control period
         self.substep = period / self.substeps  # h [s]
 
     @property
@@ -150,7 +149,7 @@ class Settings:
         return self.substep * self.substeps
 
     def replaced(self, **parts: Any) -> Settings:
-        """Return the settings with some of them replaced by others."""
+        """Return the settings with `parts` replaced."""
         other = copy.copy(self)
         vars(other).update(parts)
         return other
@@ -162,7 +161,7 @@ class Settings:
         return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
 
     def with_tables(self, tables: Any) -> Settings:
-        """Return the settings with other arrays in place of `tables`."""
+        """Return the settings with the arrays replaced by `tables`, in the same order."""
         names = [name for name, part in vars(self).items() if isinstance(part, np.ndarray)]
         return self.replaced(**dict(zip(names, tables, strict=True)))
 
@@ -173,7 +172,7 @@ class _Copies(NamedTuple):
     state: Any  # (4 n, copies)
     torque: Any  # (n, copies)
     force: Any  # force line (rows, copies)
-    numbers: Any  # of the arm (numbers, copies)
+    numbers: Any  # a of the arm (numbers, copies)
 
 
 class Room:
@@ -185,8 +184,8 @@ class Room:
     def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
         """Allocate the arrays.
 
-        `known` is a tip force [N] known beforehand, to which the estimated one adds: at this sample, at those before
-        it, and at the next one, (`KEPT` + 1, axes); None for no force.
+        `known` is a tip force [N] known beforehand, to which the estimated force is added: at this sample, at the
+        samples before it, and at the next one, (`KEPT` + 1, axes); None for no force.
         """
         n, N, axes, forces = physics.joints, len(s.spread), physics.axes, physics.axes + 1
 
@@ -194,19 +193,19 @@ class Room:
             return _Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
         self.arm = believed.ArmFunctions(physics)
-        self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
-        self.F = array(4 * n, N)  # the rows of x
+        self.copies = copies(1 + N + n)  # each with one number changed: the differences give the columns of F
+        self.F = array(4 * n, N)  # only the rows of x
         self.wide = array(n)  # steps of the motor velocities
         self.one = copies(1)
-        self.numbers = array(len(s.base))  # of the arm
+        self.numbers = array(len(s.base))  # a of the arm
         self.innovation, self.expected = array(2 * n), array(2 * n)  # ν and P_yy + r of each measured number
-        self.columns = array(2 * n, N)  # P_y of each
+        self.columns = array(2 * n, N)  # P_y of each measured number
         self.measured = array(2 * n)  # θ and θ̇
         self.variances = array(2 * n)  # of the measured numbers
         self.silent = array(2 * n)  # a of the module's docstring
         self.acted = array(N)  # z on which the law acts, see `_significant`
         self.link_torque = array(KEPT, n)  # τ_d of each kept reference
-        self.travel = array(KEPT + 1, axes)  # direction of travel of each, then the next one
+        self.travel = array(KEPT + 1, axes)  # direction of travel at each kept reference, then at the next one
         self.directions = array(2 * axes, forces)  # force line of each unit force
         self.line = array(2 * axes)  # force line of the known force
         self.known = array(KEPT + 1, axes) if known is None else known
@@ -222,8 +221,8 @@ class Room:
 
 
 def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
-    """Correct by a sample, and fill `acted`; a diverged filter does not change."""
-    for i in each(len(room.acted)):  # of a diverged filter, too, so that every entry is known
+    """Correct z and P by a sample, and fill `acted`; a diverged filter does not change."""
+    for i in each(len(room.acted)):  # also for a diverged filter, so that every entry is defined
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
         take_in(m, room, seen)
@@ -258,8 +257,8 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
 def begin(m: Memory, s: Settings, room: Room) -> None:
     """Initialise z and P if the sample is the first one.
 
-    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. Constants learned in an earlier pass are kept;
-    the loads are reset.
+    K_t (θ - q) = g(q) for the measured θ, the links are as fast as the motors, and p = p_0. Constants learned in an
+    earlier pass are kept; the loads are reset.
     """
     joints = len(m.noise)
     bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
@@ -290,7 +289,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
 
 
 def _forget(m: Memory, s: Settings, count: int) -> None:
-    """Reset the covariance of the first `count` numbers of z to that of the first sample, and p among them to p_0."""
+    """Reset the first `count` numbers of z: their covariance to its initial value, and those of p to p_0."""
     states = len(m.z) - len(s.guess)
     for i in each(count):
         for j in each(len(m.z)):
@@ -304,13 +303,13 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
 
 
 def _note_noise(m: Memory, s: Settings, room: Room) -> None:
-    """Estimate the variance σ² of the angles' noise from the part of their steps that velocities do not explain.
+    """Estimate the variance σ² of the angles' noise from the part of their changes that velocities do not explain.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
 
-    e is 0 for a torque that is constant between two samples, and so is its change, nearly, where the loop vibrates:
-    a vibration at ω that the commands cause is read as about (ωT)³/12 of its amplitude or less. σ² is a mean of all
-    samples, from the third, which has the first change of e, until a sample's share is `_NOISE_SHARE`.
+    Without noise, e is 0 for a torque that is constant between two samples, and e hardly changes if the loop vibrates:
+    a vibration at ω caused by the commands appears as about (ωT)³/12 of its amplitude or less. σ² is the mean over all
+    samples from the third on (the first change of e), until the share of a sample has fallen to `_NOISE_SHARE`.
 
     σ² determines the variances of the measurements and the dead zone.
     """
@@ -331,7 +330,7 @@ def _note_noise(m: Memory, s: Settings, room: Room) -> None:
 
 
 def update(m: Memory, s: Settings, room: Room) -> Any:
-    """Correct z and P by motor angles and velocities; return the mean of ν²/(P_yy + r)."""
+    """Correct z and P by the measured angles and velocities; return the mean of ν²/(P_yy + r)."""
     z, P, joints, surprise = m.z, m.P, len(room.measured) // 2, array(1)
     surprise[0] = 0.0
     for half in range(2):
@@ -356,7 +355,7 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Increase the variances of the delay and the shared factor by a sample whose mean ν²/s is 1 + `surprise`."""
+    """Increase the variances of the delay and the common factor for a sample with mean ν²/s = 1 + `surprise`."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
     m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
@@ -371,7 +370,7 @@ def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
 
 
 def _note_moves(m: Memory, s: Settings, before: Any) -> None:
-    """Update `calm` and the variances of the forces after a correction of the forces `before` (forces,)."""
+    """Update `calm` and the variances of the forces after a correction; `before` (forces,) are the old forces."""
     first, forces = len(m.z) - len(s.guess), len(before)
     for i in each(forces):
         m.moves[i] += _SHARE * (m.z[first + i] - before[i] - m.moves[i])
@@ -389,7 +388,7 @@ def _note_moves(m: Memory, s: Settings, before: Any) -> None:
 
 
 def _confine(m: Memory, s: Settings) -> None:
-    """Clip p to its range, and move the rest of z with it by their covariance."""
+    """Clip p to its range, and adjust the rest of z according to the covariance."""
     first = len(m.z) - len(s.low)
     for j in each(len(s.low)):
         at = first + j
@@ -405,10 +404,10 @@ def _confine(m: Memory, s: Settings) -> None:
 
 
 def _note_swing(m: Memory, s: Settings) -> None:
-    """Update the mean of the commands' jumps, which is zero when an episode begins, by the last jump.
+    """Update the mean jump w of the commands, which is zero when an episode begins, by the last jump.
 
-    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. If motors
-    are much stronger or more delayed than estimated, commands swing between limits, and w approaches 2.
+    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load causes few large jumps, so that w stays small. If
+    motors are much stronger or more delayed than estimated, commands swing between limits, and w approaches 2.
     """
     jump: Any = 0.0
     for j in range(len(m.noise)):
@@ -425,7 +424,7 @@ def _finite(m: Memory) -> Any:
 
 
 def _significant(m: Memory, s: Settings, room: Room) -> None:
-    """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
+    """Fill `room.acted` with z, but with x_a and l_a in place of x and l."""
     joints, loads, acted, ratio = len(m.noise), len(s.reopening) + 1, room.acted, array(1)
     states, deviation, factor = 4 * joints, array(loads), array(loads, loads)  # P_ll⁻¹ (l - l_0), and L of P_ll = L Lᵀ
     ratio[0] = 0.0
@@ -490,9 +489,9 @@ def _solve(L: Any, b: Any, y: Any) -> None:
 
 
 def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
-    """Step z and P to the next sample, while the motors apply the commands that reach them until then.
+    """Advance z and P to the next sample, with the commands that reach the motors until then.
 
-    A diverged filter does not change; it diverges if the law's `torque` (n,) is not a number.
+    A diverged filter does not change. The filter is marked as diverged if the law's `torque` (n,) is not a number.
     """
     joints, last = len(m.noise), len(m.z) - 1
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -514,7 +513,7 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
 
 
 def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
-    """Fill the numbers of the arm of p, a = a_0 + S (p - p_0)."""
+    """Fill `numbers` with a = a_0 + S (p - p_0), the numbers of the arm for p."""
     for i in each(len(s.base)):
         numbers[i] = s.base[i]
         for j in each(len(p)):
@@ -537,7 +536,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return the command [N m] at a place, by selection, so that no index depends on data."""
+    """Return the command [N m] at an index, by selection, so that no array index depends on data."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -545,7 +544,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 
 
 def fill(copies: _Copies, z: Any, room: Room) -> None:
-    """Fill copies with the arm of z under its forces, but not their torques."""
+    """Fill state, numbers and forces of copies of the arm from z, but not their torques."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
         for i in each(states):
@@ -559,10 +558,10 @@ def fill(copies: _Copies, z: Any, room: Room) -> None:
 
 
 def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
-    """Fill the copies: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
+    """Fill the copies: first the estimate, then each number of z a step ahead, then each motor velocity a step behind.
 
-    Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
-    `torque` (n,) [N m] is what the motors apply, `torque_slope` (n,) its derivative in the delay.
+    The step of a motor velocity is its standard deviation, because the slope at a sticking joint is zero nearby.
+    `torque` (n,) [N m] is the torque of the motors, `torque_slope` (n,) its derivative with respect to the delay.
     """
     state, torques, force, numbers = room.copies
     joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
@@ -591,7 +590,7 @@ def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope
 
 
 def _step(m: Memory, s: Settings, room: Room) -> None:
-    """Fill F from the copies after a control period, and step z and P."""
+    """Fill F from the copies after a control period, and advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):
@@ -619,7 +618,7 @@ def _step(m: Memory, s: Settings, room: Room) -> None:
 
 
 def _spread_out(m: Memory, s: Settings) -> None:
-    """Correct what `_step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
+    """Adjust the noise that `_step` added to P: less for calm forces, more for motors after a jump of the torque."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = 1.0 - (1.0 - s.weights.calm_walk) * m.flags[FLAG.calm]
     for force in each(len(s.reopening)):

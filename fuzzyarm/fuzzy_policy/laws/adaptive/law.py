@@ -1,16 +1,16 @@
 """The torque of the adaptive observer for an estimate z: target, feedforward and regulator; the law is in `policy`.
 
 The regulator K is tabulated over the posture and over the payload. `AdaptiveWeights` were tuned for the two-joint arm,
-whose mass matrix this table follows. If a robot's mass matrix depends on more angles, the gains are for a mean and may
-be unstable in part of its range, even with a known state. With a factor s ≥ 1,
+for which the table follows the mass matrix. If a robot's mass matrix depends on more angles, the gains are designed for
+a mean, and the loop may be unstable in part of the range, even with a known state. The substitutions
 
     link_angle → s link_angle,    link_velocity → √s link_velocity,    first_gain → min(1, s first_gain)
 
-weaken the feedback, and reduce the need for a soft start. s is the smallest of `SOFTENINGS` with which the loop of the
-regulator and the known state is stable at random postures, with joints as stiff as known and 20 % softer and stiffer.
+with a factor s ≥ 1 weaken the feedback and the need for a soft start. s is the smallest of `SOFTENINGS` for which the
+loop with a known state is stable at random postures, for the modelled joint stiffness and for 20 % less and more.
 
 An episode begins with a share of K. With the full K, motors stronger or more delayed than modelled would oscillate
-until the filter adapts, and an arm can be lost in these tens of milliseconds.
+until the filter adapts, and control of the arm can be lost in these tens of milliseconds.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from fuzzyarm.numbers.functions import array, each, entry, floor, maximum, minim
 
 __all__ = ["act", "adaptive_weights_for", "feedback_table"]
 
-_STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # where a regulator has to be stable
-_HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
+_STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # for which a regulator must be stable
+_HEAVIEST = 0.5  # largest payload of the table, as a share of the mass of all links
 _PAYLOADS = 6
 
 
@@ -63,7 +63,7 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
 
 
 def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
-    """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
+    """Return the largest |λ| per control period at random postures; inf if a Riccati equation has no solution."""
     places, joints = places_of(robot, control_period), len(robot)
     gains = feedback_gain(robot, control_period, designed_for(robot, places), weights)
     laws = (LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0))) for K in gains)
@@ -72,7 +72,7 @@ def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeight
 
 @functools.lru_cache(maxsize=8)
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
-    """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], the points of a payload one after the other."""
+    """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], with the points grouped by payload."""
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
         found = feedback_gain(arm, control_period, loaded_inertia(arm, schedule, float(mass)), weights)
@@ -83,9 +83,9 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
 
 
 def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
-    """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
+    """Fill K (n, 4 n), interpolated at angles q (n,) [rad] and a payload relative to the links' mass."""
     place = minimum(maximum(payload / _HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
-    lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
+    lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # nan gives a row of the table, too
     low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / _PAYLOADS
     for i in each(len(gain)):
         for k in each(gain.shape[1]):
@@ -99,7 +99,7 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
 
 
 def _gain_share(m: Memory, s: Settings) -> Any:
-    """Return the share of K at this sample: `first_gain` in the soft start, then growing to 1 in as long again.
+    """Return the share of K at this sample: `first_gain` in the soft start, then growing to 1 in the same time.
 
     It is 1 immediately if an earlier pass has learned the strength and delay of the motors.
     """
@@ -109,9 +109,9 @@ def _gain_share(m: Memory, s: Settings) -> Any:
 
 
 def act(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
-    """Fill the torque (n,) [N m] for z, not clipped, and what of it `predict` needs; nan if the filter has diverged.
+    """Fill the unclipped torque (n,) [N m] for z, nan if the filter has diverged, and the data for `predict`.
 
-    Afterwards ``m.commands[0]`` (n,), the clipped torque, may be set to the one [N m] that is commanded instead.
+    The caller may then replace the clipped torque ``m.commands[0]`` (n,) [N m] by the torque commanded instead.
     """
     for j in each(len(torque)):
         torque[j] = math.nan
@@ -122,7 +122,7 @@ def act(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
-    """Fill the numbers of p, the directions of travel, their force lines, and τ_d of the references."""
+    """Fill the numbers of the arm, the directions of travel, their force lines, and τ_d of the references."""
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
@@ -148,7 +148,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
 
 
 def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
-    """Fill the state of `one` with x at the time when the next command acts, after the commands on their way."""
+    """Fill the state of `room.one` with x at the time when the next command acts, after all pending commands."""
     torque = room.one.torque
     joints, lateness = len(torque), z[len(z) - 1]
     offset, whole = len(z) - 1 - joints, floor(lateness)
@@ -193,7 +193,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
 
 
 def _target(m: Memory, room: Room, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
-    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
+    """Return θ_d, θ̇_d, θ̈_d, u_ff without dry friction, `back` samples ago with the current p; see `elastic_target`."""
     q, dq, ddq = (m.references[back, order, joint] for order in range(3))
     torques = [room.link_torque[back + k, joint] for k in range(4)]
     return motor_target(torques, q, dq, ddq, drive, period)

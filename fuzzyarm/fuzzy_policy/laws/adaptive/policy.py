@@ -1,19 +1,19 @@
-"""The adaptive observer: it estimates arm, load and delay while it moves, and acts on the estimate.
+"""The adaptive observer: it estimates arm, load and delay while the arm moves, and acts on the estimate.
 
     correct   z = (x, p) by the measured motors, see `filter`; p is load, constants and delay, see `belief`,
     act       u = u_ff(p) - K (x⁺ - x_d(p)⁺),
-    predict   z⁻ of the next sample: what the elastic arm of p does of x under the clipped commands.
+    predict   z⁻ of the next sample: x advanced by the elastic arm with parameters p under the clipped commands.
 
-x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm of p under the load of p: the torque
-that bends the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with today's p. A ⁺ is d
-control periods ahead, when the command reaches the motors: x by the commands on their way, x_d by its derivatives. K is
-a linear quadratic regulator over posture and payload, see `law`.
+x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm and the load of p: the torque that bends
+the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with the current p. The ⁺ marks values
+d control periods ahead, when the command reaches the motors: x is advanced by the pending commands, x_d by its
+derivatives. K is a linear quadratic regulator, scheduled over posture and payload, see `law`.
 
-The estimated payload is not a measurement, because masses and forces share a load.
+The estimated payload is not a measurement: the filter divides a load between masses and forces.
 
-A diverged filter sets `Beliefs.diverged`, and `Policy.act` uses the law `fallback` from then on. So does a filter whose
-commands oscillate (`AdaptiveWeights.largest_swing`): motors much stronger or more delayed than estimated make the loop
-unstable before the filter detects it.
+If the filter diverges, `Beliefs.diverged` is set, and `Policy.act` uses the law `fallback` from then on. The same holds
+if the commands oscillate (`AdaptiveWeights.largest_swing`): motors much stronger or more delayed than estimated make
+the loop unstable before the filter detects it.
 """
 
 from __future__ import annotations
@@ -48,34 +48,34 @@ __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 class Beliefs:
     """Estimates of the adaptive observer for n joints, each with its own standard deviation.
 
-    Masses and forces share a load: a payload may show up as a force, and the other way round.
+    The filter divides a load between masses and forces: a payload may appear as a force, and a force as a payload.
     """
 
     force: np.ndarray  # at the tip [N], (..., axes)
     force_deviation: np.ndarray
     payload: np.ndarray  # at the tip [kg], (...)
     payload_deviation: np.ndarray
-    factors: dict[str, np.ndarray]  # of the known arm, by the names `belief.FACTORS`, (..., n)
+    factors: dict[str, np.ndarray]  # factors on the known arm's constants, by the names `belief.FACTORS`, (..., n)
     factors_deviation: dict[str, np.ndarray]
-    offset: np.ndarray  # torques beside the motors' [N m], (..., n)
+    offset: np.ndarray  # torques added to the motors' torques [N m], (..., n)
     offset_deviation: np.ndarray
-    lateness: np.ndarray  # from a command to the motors [s], (...)
+    lateness: np.ndarray  # delay from a command to the motors [s], (...)
     lateness_deviation: np.ndarray
     encoder_noise: np.ndarray  # estimated standard deviation of the noise of the angles [rad], (..., n)
-    # Mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
+    # Mean squared innovation relative to the variance that the filter expects, (...); far above 1 the filter is wrong.
     surprise: np.ndarray
     diverged: np.ndarray  # whether the filter has diverged, or the commands swing, and the fallback acts, (...)
-    # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no delay,
-    # dry friction or damping does not count.
+    # For each part of p, see `belief`, whether an estimate is at an end of its range, (...); an estimate of no delay,
+    # no dry friction or no damping does not count.
     at_end: dict[str, np.ndarray]
-    other_path: np.ndarray  # whether this is a pass that has left the path of the pass before, see `passes`, (...)
+    other_path: np.ndarray  # whether this pass has left the previous pass's path, see `passes`, (...)
 
 
 class AdaptiveObserverPolicy(LawPolicy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
-    `belief` says where the parts of p lie, `memory` where those of the filter's memory do; `fallback` acts in lanes
-    whose filter has diverged.
+    `belief` and `memory` are the slices of the parts of p and of the filter's memory; `fallback` acts in lanes with a
+    diverged filter.
     """
 
     def __init__(
@@ -87,8 +87,8 @@ class AdaptiveObserverPolicy(LawPolicy):
     ) -> None:
         """Design the regulator for the arm as the controller knows it and T [s].
 
-        Weights are by default those of `adaptive_weights_for`; `fallback` is computed torque at the tip. ValueError if
-        the control period is out of range, or there are no gains for these arguments.
+        By default the weights are those of `adaptive_weights_for` and `fallback` is computed torque at the tip.
+        ValueError if the control period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.arm, physics = self.parameters, equations_of(self.parameters)
@@ -100,7 +100,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Evaluate the law as `act` does, with a part of the tip force that is known beforehand, see `Room`."""
+        """Evaluate the law like `act`, but with a part of the tip force that is known beforehand, see `Room`."""
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
@@ -125,7 +125,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return the law ``answer(memory, seen, given, *tables, known, admit)``; `known`: `Room`, `admit`: `Law`."""
+        """Return ``answer(memory, seen, given, *tables, known, admit)``; see `Room` for `known`, `Law` for `admit`."""
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
@@ -166,7 +166,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return the beliefs at the next sample, from a state (..., memory_size) that `predict` gave."""
+        """Return the beliefs at the next sample, from a state (..., memory_size) returned by `predict`."""
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:

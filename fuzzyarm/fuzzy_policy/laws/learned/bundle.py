@@ -1,7 +1,7 @@
 """A learned policy as a folder: ``policy.json`` with everything but the weights, and ``weights.safetensors``.
 
-A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled.
-``policy.json`` holds the digest of the weights.
+A bundle contains no code: JSON is parsed, safetensors contains arrays of numbers, and nothing is unpickled.
+``policy.json`` contains the digest of the weights.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ __all__ = [
 DESCRIPTION = "policy.json"  # file with everything but the weights
 WEIGHTS = "weights.safetensors"  # file with the arrays of the network
 LAST, BEST = "policy", "best"
-"""What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
+"""Names of the bundles in a training run's folder: the final policy, and the policy with the best evaluation."""
 
 OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.network`
 _ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
-_LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights
-_SHOWN = 200  # characters of a foreign text in a message
+_LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes of a weights file's length field and largest header
+_SHOWN = 200  # characters of a library's text in a message
 
 _Bundle = TypeVar("_Bundle")
 
 
 class BundleError(ValueError):
-    """A folder is damaged, incomplete or not a bundle; the message is one line that names the file and what to do."""
+    """Error for a folder that is damaged, incomplete or not a bundle; one line names the file and the remedy."""
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
@@ -64,7 +64,7 @@ def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str
 
 
 def is_observer(folder: Path) -> bool:
-    """Return whether a bundle says that it is a learned observer, of any version; BundleError if it is damaged."""
+    """Return whether a bundle's schema names a learned observer, of any version; BundleError if it is damaged."""
     content = _content(folder / DESCRIPTION)
     return isinstance(content, dict) and str(content.get("schema")).startswith(_ANY_OBSERVER)
 
@@ -72,10 +72,10 @@ def is_observer(folder: Path) -> bool:
 def read_bundle(
     folder: Path, schema: str, kind: type, build: Callable[[Any, dict[str, np.ndarray], Any], _Bundle]
 ) -> _Bundle:
-    """Read a bundle and return `build` of its description, its arrays by name and the fields of `Trained`.
+    """Read a bundle; return the result of `build` for its description, arrays by name, and fields of `Trained`.
 
-    BundleError if a file is missing, too large or damaged, not of this schema, the digest of the weights differs, an
-    array is not in single precision, or the parts do not fit together.
+    BundleError if a file is missing, too large, damaged or of another schema, if the digest of the weights differs, if
+    an array is not in single precision, or if the parts do not fit together.
     """
     path = folder / DESCRIPTION
     content = _content(path)
@@ -97,7 +97,7 @@ def read_bundle(
         raise BundleError(f"{folder} is not a usable policy bundle: {' '.join(str(error).split())}") from None
 
 
-# Settings of actions beside an observer, which are gone, at the values that turn them off: shipped files state them.
+# Former settings, for actions beside an observer, with the values that turned them off: shipped files contain them.
 _OFF: tuple[tuple[str, Any], ...] = (
     ("innovation_times", []), ("innovation_scale", 1e-6), ("innovation_rate_scale", 2e-3), ("load_scale", 100.0),
     ("gate", 0.0),
@@ -118,7 +118,7 @@ def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
     if length > _LARGEST_HEADER:
         raise ValueError(f"{WEIGHTS} is damaged: its header has {length} bytes; allowed: at most {_LARGEST_HEADER}")
     try:
-        parse_json(content[_LENGTH : _LENGTH + length])  # refuses what occurs twice, which the library does not
+        parse_json(content[_LENGTH : _LENGTH + length])  # refuses duplicate names, which the library accepts
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
@@ -146,10 +146,10 @@ def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> A
 class Trained:
     """The origin of a learned policy, for the reader."""
 
-    training: dict[str, Any] = dataclasses.field(default_factory=dict)  # the settings of its training
-    seed: int = 0  # of that training
-    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the training, one mapping each
-    versions: dict[str, Any] = dataclasses.field(default_factory=dict)  # of the libraries it was trained with
+    training: dict[str, Any] = dataclasses.field(default_factory=dict)  # settings of the training run
+    seed: int = 0  # of the training run
+    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the learning curve, a mapping each
+    versions: dict[str, Any] = dataclasses.field(default_factory=dict)  # of the libraries used in the training run
 
     @property
     def _record(self) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class Trained:
 
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_OUTPUT = "clip"  # a description does not name it
+_OUTPUT = "clip"  # default output, which a description omits
 _PAPERS_JOINTS = 2
 
 
@@ -167,14 +167,14 @@ _PAPERS_JOINTS = 2
 class PolicyBundle(Trained):
     """A learned policy and its origin.
 
-    ValueError unless the network has one input per feature and one output per joint, or if features and action are for
-    different numbers of joints.
+    ValueError if the network does not have one input per feature and one output per joint, or if features and action
+    are for different numbers of joints.
     """
 
     features: FeatureDefinition  # definition of the network's inputs
-    action: ActionDefinition  # what its output means
+    action: ActionDefinition  # meaning of the network's outputs
     network: Network  # normaliser and layers
-    arm: ArmDefinition | None = None  # that it was trained for; None: the arm of Table 1
+    arm: ArmDefinition | None = None  # arm for which it was trained; None: the arm of Table 1
 
     def __post_init__(self) -> None:
         joints = len(self.action.scale)
@@ -188,7 +188,7 @@ class PolicyBundle(Trained):
             raise ValueError(text.format(*found, *needed))
 
     def save(self, folder: Path) -> None:
-        """Write the bundle, see `write_folder`; ValueError for a recurrent network, which has no file."""
+        """Write the bundle, see `write_folder`; ValueError for a recurrent network, which has no file format."""
         network, arrays, tensors = self.network, ("mean", "std"), {}
         if network.cell is not None:
             raise ValueError("a recurrent network cannot be saved: keep the model file of the library that trained it")

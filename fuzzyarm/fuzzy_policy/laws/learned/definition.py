@@ -21,11 +21,11 @@ _LONGEST_MEMORY = 1e6  # s
 class FeatureDefinition:
     """The features and their scales, in the notation of `laws.learned.features`; part of every bundle."""
 
-    past_errors: int = 2  # n, how many past errors are remembered, 0 to 100
-    past_actions: int = 2  # m, how many past actions, 0 to 100
+    past_errors: int = 2  # n, number of past errors, 0 to 100
+    past_actions: int = 2  # m, number of past actions, 0 to 100
     integral_time: float = 0.1  # τ, time constant of the leak [s]; 0: no integral
-    # whether errors count from θ_d instead of q_d, and as many past excess torques as past actions are among the
-    # features
+    # whether errors are relative to θ_d instead of q_d, and the features include as many past excess torques as past
+    # actions
     elastic_target: bool = False
     error_scale: float = 1e-3  # E [rad]
     rate_scale: float = 0.02  # V [rad/s]
@@ -33,8 +33,8 @@ class FeatureDefinition:
     acceleration_scale: float = 50.0  # A [rad/s²]
     integral_scale: float = 1e-4  # X [rad s]
     excess_scale: float = 100.0  # U [N m]
-    joints: int = 2  # of the arm, 1 to 12
-    compression: float = 1.0  # c, of errors
+    joints: int = 2  # number of joints, 1 to 12
+    compression: float = 1.0  # c, compression of errors
 
     def __post_init__(self) -> None:
         whole("past_errors", self.past_errors, high=100)
@@ -50,7 +50,7 @@ class FeatureDefinition:
     def size(self) -> int:
         """Number of features."""
         past = self.past_errors + self.past_actions + self.past_excesses
-        # five are of the instant: e, ė, q_d, q̇_d, q̈_d
+        # five current features per joint: e, ė, q_d, q̇_d, q̈_d
         return self.joints * (5 + past + (self.integral_time > 0.0))
 
     @property
@@ -59,27 +59,27 @@ class FeatureDefinition:
         return self.past_actions if self.elastic_target else 0
 
 
-_COMPRESSION = 3.0  # of the errors: asinh of what the box allows is 9, and networks like inputs of the size of one
+_COMPRESSION = 3.0  # of the errors: the asinh of the largest error in the box is 9; inputs should be of order 1
 _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0`` with past errors and actions, and the integral if there are any."""
+    """Return the features of ``FuzzyArmLearn-v0`` with `history` past errors and actions, plus an integral if any."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
 @dataclasses.dataclass(frozen=True)
 class ActionDefinition:
-    """What an action a in [-1, 1]ⁿ means: the torque u = `scale` · a, or with a base a shift of the base's target.
+    """The meaning of an action a in [-1, 1]ⁿ: the torque u = `scale` · a, or with a base a shift of the base's target.
 
-    A base gets q_a - `scale` · a as the motor angles, so that it brings the motors to its own target plus `scale` · a.
-    A torque added to the base's would have no lasting effect, because the base's integral cancels it like a load.
+    A base receives q_a - `scale` · a as the motor angles, so that it moves the motors to its target plus `scale` · a.
+    A torque added to the base's torque would have no lasting effect: the base's integral would cancel it like a load.
     """
 
     # one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
     scale: tuple[float, ...] = (400.0, 180.0)
     period: float = 2e-3  # time for which an action is held [s]; a base acts at every control step
-    base: str | None = None  # name of a policy, as `fuzzyarm.load_policy` knows it; None: no base
+    base: str | None = None  # name of a policy for `fuzzyarm.load_policy`; None: no base
     # τ_b [s] of the low-pass a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b), where T is the period and b_k the
     # output of the network; 0: a_k = b_k
     smoothing_time: float = 0.0
@@ -100,7 +100,7 @@ class ActionDefinition:
         return math.exp(-period / time) if time > 0.0 else 0.0
 
     def calls(self, control_period: float) -> int:
-        """Return for how many control periods [s] an action is held; ValueError if that is not a whole number."""
+        """Return the number of control periods [s] for which an action is held; ValueError if it is not whole."""
         checked_period("control_period", control_period)
         calls = round(self.period / control_period)
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:
@@ -115,5 +115,5 @@ class ActionDefinition:
 class ArmDefinition:
     """The arm that a policy was trained for."""
 
-    name: str  # of the robot
-    digest: str  # of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot
+    name: str  # name of the robot
+    digest: str  # `Robot.digest` of its numbers; for the two-joint arm, the digest of the equivalent robot

@@ -8,13 +8,13 @@ with s(x) = asinh(x)/c, which is linear for small errors and compresses large on
 
     x_(k+1) = (x_k + T e_k) exp(-T/τ).
 
-With an elastic target the errors are e = θ_d - q_a, ė = θ̇_d - q̇_a, where θ_d are the angles of the motors of the
-unloaded arm (`fuzzy_policy.laws._elastic_target`), and f_k ends with the torque in excess of what that arm needs,
+With an elastic target the errors are e = θ_d - q_a, ė = θ̇_d - q̇_a, where θ_d are the target angles of the unloaded
+arm's motors (`fuzzy_policy.laws._elastic_target`), and f_k ends with the torques in excess of what that arm needs,
 
     (..., w_(k-1)/U, ..., w_(k-m)/U),    w_k = u_k - u_ff,k,
 
 where u_k is the last torque commanded before instant k + 1. When an episode begins, all past errors, actions and excess
-torques and the integral x are zero. The training and the shipped policy run the same code.
+torques and the integral x are zero. A training run and the shipped policy use the same code.
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ __all__ = ["Features", "Lanes", "guided", "learning_action"]
 
 
 class _Remembered(NamedTuple):
-    """The memory of the features of a lane; errors, actions and excess hold a tuple per instant, newest first."""
+    """The memory of a lane's features; errors, actions and excess contain a tuple per instant, newest first."""
 
     errors: Any  # e [rad]
     actions: Any  # a
     integral: Any  # x [rad s]
     excess: Any  # w [N m]
     feedforward: Any  # u_ff [N m]
-    target: Any  # what the elastic target remembers
+    target: Any  # memory of the elastic target
 
 
 class Features:
-    """The features of a definition, lane by lane; see the module for the equations."""
+    """The features of a definition, lane by lane; see the module's docstring for the equations."""
 
     def __init__(
         self, definition: FeatureDefinition, period: float, parameters: AnyArm | None = None, *, friction: bool = True
     ) -> None:
-        """Take the definition, T [s] between two actions, and the arm (default Table 1).
+        """Set up the features for a definition, T [s] between two actions, and the arm (default Table 1).
 
         `friction` says whether u_ff includes the dry friction. TypeError or ValueError if the period is not a positive
         number, or the features are for another number of joints.
@@ -90,7 +90,7 @@ class Features:
         return past, feedforward, aim
 
     def fill(self, memory: _Remembered, seen: Observation, aim: Aim, out: Any = None) -> Any:
-        """Return the features of the instant, an array (size,): `out`, or a new one; `aim` is that of `told`."""
+        """Return the current features, in an array (size,), `out` or a new one; `aim` is returned by `told`."""
         d, out = self.definition, array(self.size) if out is None else out
         errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
         rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
@@ -105,7 +105,7 @@ class Features:
         return out
 
     def advance(self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any) -> _Remembered:
-        """Return the memory with the error of an observation and the action (n,) in [-1, 1], see `told`."""
+        """Return the memory after an observation and an action (n,) in [-1, 1]; `told` comes from the method `told`."""
         past, feedforward, aim = told
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
@@ -119,7 +119,7 @@ class Features:
         )
 
     def command(self, memory: _Remembered, torque: Any) -> _Remembered:
-        """Return the memory with the excess of the last torque (n,) [N m] before `advance`, not yet clipped."""
+        """Return the memory with its newest excess set from `torque` (n,) [N m], which is not clipped yet."""
         if not memory.excess:
             return memory
         parts = zip(torque, self._limit, memory.feedforward, strict=True)
@@ -128,7 +128,7 @@ class Features:
 
 
 def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int:
-    """Write numbers, or their asinh over `squashed`, into an array from a place on; return the place behind them."""
+    """Write numbers, or their asinh divided by `squashed`, into an array from index `at`; return the next index."""
     for k, number in enumerate(numbers):
         out[at + k] = number
     if squashed:
@@ -138,10 +138,10 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
 
 
 def guided(base: Policy | None, name: str | None = None, *, beside: bool = False) -> Law:
-    """Return the law of a base whose target actions shift, ``act(memory, seen, told, constants, *tables)``.
+    """Return the law ``act(memory, seen, told, constants, *tables)`` of a base with a target shifted by actions.
 
-    `told` is scale · a (n,); without a base it is the torque, and `beside` a base it is added to the base's. ValueError
-    if the base of this name has no law.
+    `told` is scale · a (n,). Without a base it is the torque; if `beside` is true, it is added to the base's torque
+    instead. ValueError if the base called `name` has no law.
     """
     if base is None:
         return Law(lambda memory, seen, told, given: (memory, told), (), ())
@@ -164,7 +164,7 @@ def guided(base: Policy | None, name: str | None = None, *, beside: bool = False
 
 
 class Lanes:
-    """Features, and the guided base if there is one, of many lanes, as stepped by a training."""
+    """Features of many lanes, and the guided base if there is one, as stepped by a training run."""
 
     def __init__(self, features: Features, base: Law) -> None:
         d = features.definition
@@ -196,13 +196,13 @@ class Lanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Advance both memories by an action (lanes, n); `torque` (lanes, n) holds scale · a, then the torque [N m]."""
+        """Advance both memories by an action (lanes, n); `torque` (lanes, n) is scale · a, then the torque [N m]."""
         self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 
-_HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm
+_HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms has errors of 1.7, 4.7 and 26 mm
 
 
 def learning_action(arm: AnyArm) -> ActionDefinition:
-    """Return what an action of ``FuzzyArmLearn-v0`` means: the torque Γ a, Γ the limits, held for 2 ms."""
+    """Return the meaning of an action of ``FuzzyArmLearn-v0``: the torque Γ a, with limits Γ, held for 2 ms."""
     return ActionDefinition(tuple(per_joint_of(arm, "torque_limit").tolist()), _HOLD)

@@ -1,17 +1,17 @@
-"""The network of a learned policy: normalised features through layers to an action in [-1, 1]².
+"""The network of a learned policy, from normalised features through layers to an action in [-1, 1]².
 
     h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
-where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaussian policy, and the last layer gives its
-mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
+where s is tanh or max(x, 0), and o is tanh or clips to ±1. PPO trains a Gaussian policy, with its mean from the last
+layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean as its action, so it is deterministic.
 
-tanh, the logistic function and asinh are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and
-not taken from the C library, whose last digits differ from one machine to the next. A policy then gives the same
-numbers everywhere, including in exported C.
+tanh, the logistic function and asinh are computed from +, -, *, / and the square root, which IEEE 754 rounds correctly,
+and not by the C library, whose last digits differ between machines. A policy then gives the same numbers everywhere,
+including in exported C.
 
-A recurrent network has a long short-term memory in front of these layers (`cell`), as torch and
-stable-baselines3-contrib have it. Its output h is then h_0. With the normalised features x = clip((f - mean)/std, ±c)
-and the content m (h and m are zero when an episode begins),
+A recurrent network has a long short-term memory (`cell`) in front of these layers, as in torch and
+stable-baselines3-contrib. The output h of the cell is then h_0. With the normalised features
+x = clip((f - mean)/std, ±c) and the cell's content m (h and m are zero when an episode begins),
 
     (i, r, g, o) = W_x x + W_h h + b,    m⁺ = σ(r)∘m + σ(i)∘tanh g,    h⁺ = σ(o)∘tanh m⁺.
 """
@@ -36,14 +36,14 @@ _DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
 _LARGEST = 2.0**60  # a larger argument of asinh counts as this one
 _SQRT_2 = math.sqrt(2.0)
 _HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
-_LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
+_LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # 1024 times the first is exact
 
 
 @apart
 def hyperbolic_tangent(x: Any) -> Any:
     """Return tanh x = -E/(E + 2) with E = exp(-2|x|) - 1 and the sign of x; relative error below 2e-15.
 
-    E(y) = exp(y) - 1 is its Taylor polynomial of degree 11 for y = -2|x|/2^8, and E(2y) = E(y) (E(y) + 2).
+    E(y) = exp(y) - 1 is computed by its Taylor polynomial of degree 11 for y = -2|x|/2^8, and E(2y) = E(y) (E(y) + 2).
     """
     size = abs(x)
     y = select(size > _SATURATED, _SATURATED, size) * (-2.0 / 2.0**_DOUBLINGS)
@@ -68,7 +68,7 @@ def logistic(x: Any) -> Any:
 def area_sine(x: Any) -> Any:
     """Return asinh x = ln(1 + f), f = |x| + x²/(1 + √(1 + x²)), with the sign of x; relative error below 1e-15.
 
-    ln m = k ln 2 + 2 artanh(g/(g + 2)) with m = 2^k (1 + g), 1/√2 < 1 + g <= √2, and a Taylor polynomial of degree 21.
+    ln m = k ln 2 + 2 artanh(g/(g + 2)) with m = 2^k (1 + g), 1/√2 < 1 + g <= √2, by a Taylor polynomial of degree 21.
     An |x| beyond 2^60 counts as 2^60.
     """
     size = select(abs(x) > _LARGEST, _LARGEST, abs(x))
@@ -93,7 +93,7 @@ def area_sine(x: Any) -> Any:
 
 
 def add_product(x: Any, transposed: Any, y: Any) -> None:
-    """Add G x to y (rows,), G given as `transposed` (columns, rows): four terms while y_j is at hand."""
+    """Add G x to y (rows,), with Gᵀ given as `transposed` (columns, rows); each pass adds four terms to y_j."""
     columns, rows = len(x), len(y)
     if RECORDERS and hasattr(RECORDERS[-1], "rolled"):
         RECORDERS[-1].rolled("add_product", (x, transposed, y), (False, False, True))
@@ -109,7 +109,7 @@ def add_product(x: Any, transposed: Any, y: Any) -> None:
 
 
 _GATES = 4  # i, r, g and o
-_CONTENT = 2  # the number of g
+_CONTENT = 2  # the index of g
 
 _LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory is allocated
 
@@ -124,7 +124,7 @@ def real_array(name: str, array: Any, axes: int) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cell:
-    """The arrays of the module's equations, the rows of i, r, g and o below each other."""
+    """The arrays of the recurrent equations in the module's docstring; the rows of i, r, g and o follow each other."""
 
     weight_x: np.ndarray  # W_x, (4 hidden, inputs)
     weight_h: np.ndarray  # W_h, (4 hidden, hidden)
@@ -141,7 +141,7 @@ class Cell:
 
     @property
     def hidden(self) -> int:
-        """Numbers in h, and in m."""
+        """Number of entries of h, and of m."""
         return int(self.weight_h.shape[1])
 
     @functools.cached_property
@@ -151,7 +151,7 @@ class Cell:
         return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
 
     def advance(self, x: Any, memory: Any, of_x: Any, of_h: Any, bias: Any) -> Any:
-        """Return h⁺ (hidden,), an array, and advance the memory (2 hidden,), h and then m, by x (inputs,)."""
+        """Return h⁺ as an array (hidden,) for x (inputs,), and advance the memory (2 hidden,), which is h, then m."""
         hidden, sums, output = self.hidden, array(_GATES * self.hidden), array(self.hidden)
         for k in each(len(sums)):
             sums[k] = bias[k]
@@ -187,7 +187,7 @@ class Network:
     biases: tuple[np.ndarray, ...]  # b_i, (outputs,) of each layer
     activation: str = "tanh"  # s, of `_ACTIVATIONS`
     output: str = "clip"  # o, of `_OUTPUTS`
-    cell: Cell | None = None  # what remembers in front of the layers; None: nothing does
+    cell: Cell | None = None  # recurrent cell in front of the layers; None: no memory
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
@@ -229,7 +229,7 @@ class Network:
 
     @property
     def memory(self) -> Any:
-        """Where the memory of a lane lies: h, then m, or nothing; zeros when an episode begins."""
+        """The layout of a lane's memory: h, then m, or () without a cell; zeros when an episode begins."""
         return Cells((2 * self.cell.hidden,)) if self.cell is not None else ()
 
     def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""The policy that a bundle holds, with the `predict` of every policy; it needs no learning library."""
+"""The policy of a bundle, with the `predict` of every policy; it needs no learning library."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["LearnedPolicy"]
 class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
-    From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
-    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds the number of calls
-    since the action was computed, the action, and the memories of the features, of the base and of a recurrent network.
+    From action instant k to the next, the torque is u(t) = scale · a_k, with a_k smoothed as in `ActionDefinition`.
+    With a base it is u(t) = u_base(t), with the base's target shifted by scale · a_k. The state contains the number of
+    calls since the action was computed, the action, and the memories of features, base and recurrent network.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class LearnedPolicy(LawPolicy):
 
         `base` is the policy that ``bundle.action.base`` names, for the same control period. `friction` says whether the
         unloaded arm's torque in the features, if any, includes dry friction. ValueError if the periods do not fit, or
-        the base is missing, not asked for, or for another period.
+        if the base is missing, superfluous, or for another period.
         """
         self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)
@@ -61,7 +61,7 @@ class LearnedPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the class."""
+        """The law of the class's docstring."""
         features, network, base = self._features, self.bundle.network, guided(self.base, self.bundle.action.base)
         own, still = len(base.tables), (0.0,) * self.joints
         held = _Memory(0.0, still, features.memory, base.memory, network.memory)
@@ -87,7 +87,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """The memory of a lane: calls since its last action, 0 if the next is due; that action; memories of the parts."""
+    """The memory of a lane: calls since its last action (0 if the next is due), that action, the parts' memories."""
 
     phase: Any
     action: Any

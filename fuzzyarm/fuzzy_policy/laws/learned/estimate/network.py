@@ -1,18 +1,18 @@
-"""The recurrent network of `learned-observer`: from unexplained signals and the context to a residual torque.
+"""The recurrent network of `learned-observer`, from unexplained signals and their context to a residual torque.
 
-With z (signals that vanish where nothing is unexplained), c (context) and h (memory, zero when an episode begins), a
-gated recurrent unit whose candidate has no bias gives
+Let z be the unexplained signals (zero where everything is explained), c the context, and h the memory (zero when an
+episode begins). A gated recurrent unit with no bias in the candidate gives
 
     s = σ(S_z z + S_h h + S_c c + s_0),    r = σ(R_z z + R_h h + R_c c + r_0),
     n = tanh(A z + (C c)∘(B z) + r∘(U h)),    h⁺ = h + s∘(n - h),
     ρ = clip(m g (V (h⁺∘w) + G (h⁺∘w)∘Δ + D z), ±1),    w = 1 + W tanh(P c + p_0),
 
-with Δ = (u_a - u_o)/R, m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) of the load δ in
-z, δ_0 = `QUIET`. G determines how far the law goes beyond u_a. z = 0 and h = 0 give ρ = 0 exactly, whatever the
-context. If the elastic observer estimates no load, and at rest, it acts alone, and ρ is flat: small deviations are
-handled by a loop that is stable whatever the network has learned.
+with Δ = (u_a - u_o)/R, the entry m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) for the
+load δ in z, δ_0 = `QUIET`. G determines how far the law goes beyond u_a. z = 0 and h = 0 give ρ = 0 exactly, for any
+context. At rest, or if it estimates no load, the elastic observer acts alone, and the slope of ρ is zero: small
+deviations are handled by a loop that is stable whatever the network has learned.
 
-`EstimateBundle` is its folder: arm, control period and record of its training, and the arrays.
+`EstimateBundle` is the folder of the network: arm, control period and record of the training run, and the arrays.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from fuzzyarm.numbers.functions import array, each, maximum, minimum
 __all__ = ["LARGEST_MEMORY", "EstimateBundle", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
 
 _GATES = 2  # s and r
-_AXES = (2, 3)  # of the spaces of tips
+_AXES = (2, 3)  # dimensions of the plane or the space of a tip
 
 LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refused before memory is allocated
 
@@ -46,7 +46,7 @@ LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refus
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the arrays by name, for `hidden` numbers in h and `modulation` in tanh(P c).
 
-    Names are those of `EstimateNetwork`, shapes (rows, columns), for an arm with `joints` joints and `axes` tip axes.
+    Names are the fields of `EstimateNetwork`; shapes are (rows, columns), for `joints` joints and `axes` tip axes.
     """
     gates = _GATES * hidden
     unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
@@ -69,12 +69,12 @@ def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str,
 
 
 class Layers(NamedTuple):
-    """The arrays of a network as the law takes them, in double precision."""
+    """The arrays of a network as the law uses them, in double precision."""
 
-    of_z: Any  # the matrices of z side by side and transposed, so that no sum runs over the rows
-    of_h: Any  # those of h
-    of_c: Any  # those of c
-    bias: Any  # of what they give
+    of_z: Any  # the matrices that multiply z, side by side and transposed, so that no sum runs over the rows
+    of_h: Any  # likewise the matrices that multiply h
+    of_c: Any  # likewise the matrices that multiply c
+    bias: Any  # of these products
     # V, G, D: of the output
     V: Any
     G: Any
@@ -117,23 +117,23 @@ class EstimateNetwork:
 
     @property
     def hidden(self) -> int:
-        """Numbers in h."""
+        """Number of entries of h."""
         return len(self.U)
 
     @property
     def joints(self) -> int:
-        """Of the arm, n."""
+        """Number of joints n of the arm."""
         return len(self.V)
 
     @property
     def axes(self) -> int:
-        """Of the space of the tip, as the columns of A say."""
+        """Number of tip axes, from the number of columns of A."""
         without: int = unexplained_parts(self.joints, 0).belief.stop
         return int(self.A.shape[1]) - without
 
     @functools.cached_property
     def layers(self) -> Layers:
-        """The arrays as the law takes them."""
+        """The arrays as the law uses them."""
         of_z = np.concatenate([self.gate_z, self.A, self.B]).T
         of_h = np.concatenate([self.gate_h, self.U]).T
         of_c = np.concatenate([self.gate_c, self.C, self.P]).T
@@ -143,7 +143,7 @@ class EstimateNetwork:
 
 
 def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
-    """Return m g of z and c, see the module."""
+    """Return m g for z and c, see the module's docstring."""
     load, square = unexplained_parts(joints, axes).load.start, 0.0
     for k in range(joints):
         square = square + z[load + k] * z[load + k]
@@ -151,7 +151,7 @@ def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
 
 
 def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
-    """Return ρ (n,) from z and c (numbers of `signals`), u_a - u_o and R (n,) [N m], and advance h (hidden,)."""
+    """Return ρ (n,) from z, c, the `gap` u_a - u_o and the `torques` R (n,) [N m], and advance h (hidden,)."""
     hidden, total, follow = len(h), array(1), array(1)
     w = array(hidden)
     for i in each(hidden):
@@ -198,8 +198,8 @@ class EstimateBundle(Trained):
     """A learned observer and its origin."""
 
     network: EstimateNetwork  # the recurrent network
-    arm: ArmParameters | ArmDefinition  # that it was trained for: the two-joint arm, or what tells a robot from others
-    control_period: float  # for which it was trained [s]
+    arm: ArmParameters | ArmDefinition  # arm of the training run: the two-joint arm, or the name and digest of a robot
+    control_period: float  # control period of the training run [s]
 
     def __post_init__(self) -> None:
         joints = len(ArmParameters().length)
@@ -241,7 +241,7 @@ class EstimateBundle(Trained):
 
 @dataclasses.dataclass(frozen=True)
 class _Description:
-    """The content of ``policy.json``; exactly one of the last two is present."""
+    """The content of ``policy.json``; exactly one of the last two fields is present."""
 
     schema: str
     control_period: float

@@ -1,18 +1,18 @@
 """`learned-observer`: the elastic observer at rest, the adaptive observer in motion, and a network that corrects it.
 
-Two laws run beside each other on the same measurements. With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer`, the
-torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
+Two laws run in parallel on the same measurements. With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer`, the torque
+u_a of `adaptive.policy`, m and g of `network`, and the output ρ of the network,
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L ν,    ν = y - (θ̂, θ̂̇)⁻,    and the filter of the adaptive observer by y,
     act       u_o = u_ff - d̂ - K (x̂ - x_d),    u_b = u_o + m g (u_a - u_o),    u = u_b + R ρ(z, c, h),
-    predict   (x̂, d̂)⁻ and the filter's prediction under u within its limits.
+    predict   (x̂, d̂)⁻ and the filter's prediction under the clipped u.
 
-At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
-despite unknown delays and wrong loop gains. In motion under a load the adaptive observer takes over, which finds loads
-within milliseconds. Both know the applied torque. u_a is clipped to four torque limits; where its filter has diverged,
-or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z and c are those of `signals`, R
-the torques there. The network was trained by regression on a teacher that knows plant, load and delay, see
-`fuzzyarm.rl_baselines.estimate`.
+At rest m = 0, and without a load g is close to 0: the elastic observer then acts alone, in a loop that is locally
+stable despite unknown delays and wrong loop gains. In motion under a load the adaptive observer takes over, since it
+identifies loads within milliseconds. Both observers know the applied torque. u_a is clipped to four times the torque
+limits; u = u_o where the adaptive filter has diverged or the commands swing from limit to limit
+(`AdaptiveWeights.largest_swing`). z, c and the torques R are those of `signals`. The network was trained by regression
+on a teacher that knows plant, load and delay, see `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["LearnedObserverPolicy"]
 
-# Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start.
+# Of the adaptive observer that networks are trained with: at rest the elastic one acts, so no soft start is needed.
 _WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
-_FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
+_FARTHEST = 4.0  # bound on u_a, in torque limits: a filter that is about to diverge could give any number
 
 
 class _SeenParts(NamedTuple):
-    """The places of z, c and u_b [N m] in the result of `LearnedObserverPolicy.observe`."""
+    """The slices of z, c and u_b [N m] in the result of `LearnedObserverPolicy.observe`."""
 
     z: slice
     c: slice
@@ -58,7 +58,7 @@ class _SeenParts(NamedTuple):
 
 
 class _Memory(NamedTuple):
-    """The memory of a lane: that of the elastic observer, the last ρ, the adaptive observer's filter, and h."""
+    """The memory of a lane: the elastic observer's memory, the last ρ, the adaptive observer's filter, and h."""
 
     observer: Observed
     residual: Any
@@ -67,7 +67,7 @@ class _Memory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """The law of the module's docstring; its memory holds the memories of both laws, the last ρ, and h."""
+    """The law of the module's docstring; its memory contains the memories of both laws, the last ρ, and h."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
@@ -91,7 +91,7 @@ class LearnedObserverPolicy(LawPolicy):
             *consecutive(unexplained_parts(*of_arm).belief.stop, context_parts(*of_arm).motion.stop, physics.joints)
         )
         sizes = self.elastic.memory_size + self.joints, self.adaptive.memory.noise.stop, network.hidden
-        _, self.filter, self.hidden = consecutive(*sizes)  # where they lie in a lane's memory
+        _, self.filter, self.hidden = consecutive(*sizes)  # slices of a lane's memory
         self.memory_size = self.hidden.stop
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
@@ -101,13 +101,13 @@ class LearnedObserverPolicy(LawPolicy):
         return other
 
     def without_dry_friction(self) -> ElasticObserverPolicy:
-        """Return the law that acts at rest, where m is 0: the elastic observer, for a smooth arm."""
+        """Return the law that acts at rest, where m is 0: the elastic observer, for an arm without dry friction."""
         return self.elastic.without_dry_friction()
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return the adaptive observer's estimates at the next sample, from a state (..., memory_size) of `predict`.
 
-        If its filter has diverged, or the commands oscillated, the elastic observer acts alone. TypeError and
+        If the filter has diverged, or the commands oscillated, the elastic observer acts alone. TypeError and
         ValueError as in `AdaptiveObserverPolicy.beliefs`.
         """
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])

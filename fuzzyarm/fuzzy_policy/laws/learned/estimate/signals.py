@@ -1,28 +1,28 @@
-"""The inputs of the network of `learned-observer`: the unexplained z and the context c, each of order 1.
+"""The inputs of the network of `learned-observer`: the unexplained signals z and the context c, each of order 1.
 
-With the innovations ν_a and ν_o, y - ŷ⁻ of the adaptive and of the elastic observer, one number for each motor angle
-and velocity, their torques u_a and u_o, and the load l = (forces, payload) of the beliefs p,
+Let ν_a and ν_o be the innovations y - ŷ⁻ of the adaptive and of the elastic observer (one number for each motor angle
+and velocity), u_a and u_o the torques of the two observers, and l = (forces, payload) the load in the beliefs p. Then
 
     z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last ρ, asinh((l - l_0)/l_1)),
     a(ν) = asinh(ν/s),    b(ν) = asinh(ν/S) ν²/(s² + ν²),
 
-with κ = `GAP_SHARE` and the `Units` R, s, S and l_1 of an arm: a(ν) resolves what is small; b(ν) is linear in what is
-large and flat about zero. d̂ is what the elastic observer believes to load the links. z vanishes where nothing is
-unexplained and the arm is on its target. From the observation and the beliefs follows
+with κ = `GAP_SHARE` and the `Units` R, s, S and l_1 of an arm. a(ν) resolves small innovations; b(ν) is linear in large
+ones and flat about zero. d̂ is the load on the links estimated by the elastic observer. z vanishes where everything is
+explained and the arm is on its target. The observation and the beliefs give
 
     c = (cos and sin of ψ_1, ..., ψ_n, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e,
-         what is believed of delay and noise, m),
+         beliefs about delay and noise, m),
 
-ψ being the sum of the angles of joints with parallel axes up to this one (`units.turns_of`; θ_1 and θ_1 + θ_2 of the
-two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
+where ψ_j is the sum of the angles of joints with parallel axes up to joint j (`turns_of`; θ_1 and θ_1 + θ_2 of the
+two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip; directions of joints are analogous.
 m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion; for Table 1 v_1 = 0.1 mm/s.
 
-The units of the two-joint arm were chosen for Table 1; torques are shares of the limits of any arm. Every unit of a
-robot by its frames is that of Table 1 times a ratio of the robot to Table 1:
+The units of the two-joint arm were chosen for Table 1; torques are relative to the torque limits of any arm. For a
+robot given by its frames, every unit is the unit of Table 1 times a ratio between the robot and Table 1:
 
     forces, payload    r_F, r_m, see `scale_of`
-    innovations        Γ_j/I_j of the joint's torque limit and motor inertia over that of the first joint: what a torque
-                       does to a motor within a sample
+    innovations        Γ_j/I_j, torque limit over motor inertia of the joint, relative to the first joint of Table 1:
+                       what a torque does to a motor within a sample
     q̇_d, q̈_d           the joint's velocity limit
     lengths, tip       the reach
 """
@@ -56,13 +56,13 @@ __all__ = [
 ]  # fmt: skip
 
 GAP_SHARE = 0.05  # share of R that is the unit of u_a - u_o
-QUIET = 1.0 / 600.0  # share of the torques R: for a load d̂ below it the elastic observer all but acts alone
+QUIET = 1.0 / 600.0  # share of the torques R: for a smaller load d̂ the elastic observer acts almost alone
 _FINE = (5e-7, 2e-6, 1e-3, 4e-3)  # s of angles [rad] and velocities [rad/s] of the two-joint arm
 _COARSE = (1e-5, 4e-5, 2e-2, 8e-2)  # S
 _BEYOND = 1.2  # R over the torque limits
 _FORCE, _MASS = 20.0, 1.0  # N and kg, l_1 of the arm of Table 1
 _FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
-_SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades
+_SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: a direction fades below these speeds
 _REST = 1e-4  # m/s, v_1
 _PARALLEL = 1e-9  # how far the cosine between parallel axes may be from 1
 
@@ -79,8 +79,8 @@ def scale_of(arm: AnyArm) -> _Scale:
     """Return the scale of an arm.
 
     For the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
-    reach. A robot's last motors may be far weaker than its first ones: its forces and masses use the same share of a
-    torque limit as those of Table 1, see `load_scale`.
+    reach. A robot's last motors may be far weaker than its first motors, so its forces and masses use the same share of
+    a torque limit as the forces and masses of Table 1, see `load_scale`.
     """
     paper = ArmParameters()
     if isinstance(arm, Robot):
@@ -90,13 +90,13 @@ def scale_of(arm: AnyArm) -> _Scale:
 
 
 class Units(NamedTuple):
-    """The units of the signals; n joints, and a tip in a space of some axes."""
+    """The units of the signals, for n joints and a tip in a plane or in space."""
 
-    torque: Any  # R (n,), 1.2 of the torque limits [N m]: of loads and of residual torques, whose largest values it is
+    torque: Any  # R (n,), 1.2 times the torque limits [N m]: unit of loads; unit and bound of residual torques
     # l_1 (axes + 2,), of the forces along the direction of travel and along each axis [N], and the payload [kg]
     load: Any
     fine: Any  # s (2 n,) of the innovation of angles [rad] and velocities [rad/s]
-    coarse: Any  # S (2 n,) of what is large among them
+    coarse: Any  # S (2 n,) of large innovations
     velocity: Any  # of q̇_d (n,) [rad/s]
     acceleration: Any  # of q̈_d (n,) [rad/s²]
     slow: Any  # joint velocities (n,) [rad/s] below which the direction of a joint fades
@@ -120,9 +120,9 @@ def units_of(arm: AnyArm) -> Units:
 
 
 def turns_of(arm: AnyArm) -> np.ndarray:
-    """Return the factor of the previous joint's angle ψ in that of each joint (n,): ψ_j = θ_j + σ_j ψ_(j-1).
+    """Return the factors σ (n,) of the angles ψ_j = θ_j + σ_j ψ_(j-1).
 
-    σ_j is 1 where both axes are parallel, -1 where they are opposite, else 0; the first is 0.
+    σ_j is 1 if the axes of joints j - 1 and j are parallel, -1 if they are opposite, else 0; the first factor is 0.
     """
     now = robot_of(arm).arrays
     cosine = np.einsum("ja,jab,jb->j", now.axis[:-1], now.rotation[1:], now.axis[1:])
@@ -130,11 +130,11 @@ def turns_of(arm: AnyArm) -> np.ndarray:
     return np.concatenate([[0.0], np.where(parallel, np.rint(cosine), 0.0)])
 
 
-_SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged
-_NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
+_SENSELESS = 1e6  # rad and rad/s; a larger innovation shows that the filter has diverged
+_NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the estimated noise; value of its asinh that counts as 1
 
 
-# Where the parts of z and of c lie, in the order of the module's equations.
+# The slices of the parts of z and of c, in the order of the module's equations.
 _UnexplainedParts = namedtuple("_UnexplainedParts", "fine coarse slow_fine slow_coarse load gap residual belief")
 _ContextParts = namedtuple(
     "_ContextParts", "angles velocities accelerations feedforward signs travel lever trust motion"
@@ -143,23 +143,23 @@ _ContextParts = namedtuple(
 
 @functools.cache
 def unexplained_parts(joints: int, axes: int) -> _UnexplainedParts:
-    """Return where the parts of z lie for given numbers of joints and tip axes."""
+    """Return the slices of the parts of z for given numbers of joints and tip axes."""
     return _UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
 
 
 @functools.cache
 def context_parts(joints: int, axes: int) -> _ContextParts:
-    """Return where the parts of c lie for given numbers of joints and tip axes."""
+    """Return the slices of the parts of c for given numbers of joints and tip axes."""
     return _ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
 
 
 def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _UnexplainedParts) -> None:
-    """Fill the parts of z that are of ν_a before the correction; 0 as an episode begins or if it has diverged."""
+    """Fill the parts of z for ν_a before the correction; 0 when an episode begins or if the filter has diverged."""
     joints = len(seen.q_motor)
     predicted = (m.flags[FLAG.samples] > 0.0) & (m.flags[FLAG.lost] == 0.0)
     raw = [q - m.z[i] for i, q in enumerate(seen.q_motor)]
     raw += [dq - m.z[2 * joints + i] for i, dq in enumerate(seen.dq_motor)]
-    # A filter that has diverged at this very sample says so only with its correction.
+    # A filter that diverges at this sample is marked as diverged only by the correction.
     innovation = [select(predicted & (abs(number) < _SENSELESS), number, 0.0) for number in raw]
     _scaled(innovation, units, z[parts.fine], z[parts.coarse])
 
@@ -178,9 +178,9 @@ def see_unexplained(
 def see_beliefs(
     m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: _UnexplainedParts, in_context: _ContextParts
 ) -> None:
-    """Fill the parts of z and c that are of the corrected beliefs; 0 where the filter has diverged.
+    """Fill the parts of z and c for the corrected beliefs; 0 where the filter has diverged.
 
-    In c these are delay and its standard deviation [control periods], calm, surprise, and the noise that is read.
+    In c these are delay and its standard deviation [control periods], calm, surprise, and the estimated noise.
     """
     states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
     for numbers in (belief, trust):
@@ -202,7 +202,7 @@ def see_beliefs(
 def context_of(physics: Physics) -> Any:
     """Return ``context(seen, feedforward, limit, turns, arm, units, c)``.
 
-    It fills c from the observation, u_ff (n,) [N m], its limit (n,), `turns_of` (n,) and the record of the constants.
+    It fills c from the observation, u_ff (n,) [N m], the torque limits (n,), `turns_of` (n,) and the arm's constants.
     """
     parts, planar = context_parts(physics.joints, physics.axes), physics is two_joints()
 
@@ -253,8 +253,8 @@ def _squash(numbers: Any) -> None:
         numbers[k] = area_sine(numbers[k])
 
 
-# v (axes,) [m/s] and Jᵀ e (n,) of the two-joint arm, in the order of operations of the shipped network's training:
-# the same bits.
+# v (axes,) [m/s] and Jᵀ e (n,) of the two-joint arm, with the order of operations, and thus the bits, of the shipped
+# network's training run.
 def _planar_velocity(q: Any, dq: Any, arm: Any) -> tuple[Any, Any]:
     (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
     both = dq[0] + dq[1]
