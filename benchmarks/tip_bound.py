@@ -178,12 +178,8 @@ def exact_errors(
 
 def episode_errors(claim: TipClaim) -> np.ndarray:
     """Return the tip error (samples, 1) [m] of a robot in the environment, with sub-steps of 2 µs."""
-    env, policy, memory = (
-        FuzzyArmEnv(claim.case, robot=claim.arm, substep=PERIOD / 512),
-        load_policy(claim.policy, robot=claim.arm),
-        None,
-    )
-    (seen, info), errors = env.reset(seed=0), []
+    policy, env = load_policy(claim.policy, robot=claim.arm), FuzzyArmEnv(robot=claim.arm, substep=PERIOD / 512)
+    (seen, info), memory, errors = env.reset(seed=0), None, []
     for _ in range(claim.samples):
         torque, memory = policy.predict(seen, memory)
         seen, *_, info = env.step(np.asarray(torque))

@@ -11,7 +11,7 @@ import numpy as np
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions, loaded, lump, plant_of
+from fuzzyarm.envs.physics.dynamics import Arm, loaded, lump, motors, plant_of
 from fuzzyarm.envs.physics.equations import tip_point, two_joints
 from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.envs.physics.integrator import hold_of
@@ -63,10 +63,10 @@ class Plants:
         arm = loaded(lump(self.plant), carried.mass, carried.radius(self.problem.parameters), nominal.gravity)
         self.payload = self._drawn(plants.payload)
         arm = loaded(arm, self.payload, nominal.length[1], nominal.gravity)
-        self._static = np.array([dry.static_friction + zero for dry in dry_frictions(arm)])
+        self._static = np.array([own.dry_friction.static_friction + zero for own in motors(arm, (0, 1))])
         if plants.friction == "any":
-            first, second = (dry._replace(**dict.fromkeys(DRY_TORQUES, 0.0)) for dry in dry_frictions(arm))
-            arm = arm._replace(dry_friction1=first, dry_friction2=second)
+            free = [own.dry_friction._replace(**dict.fromkeys(DRY_TORQUES, 0.0)) for own in motors(arm, (0, 1))]
+            arm = arm._replace(dry_friction1=free[0], dry_friction2=free[1])
         self.arm = np.array([np.broadcast_to(x, self.lanes) for x in flat(arm)], dtype=float)
         self.force = self._drawn(plants.force)
         self._rates = np.array([self._drawn((SLOWEST, FASTEST)) for _ in range(JOINTS)])

@@ -94,8 +94,7 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     }
     if unknown := [words for words, found in odd.items() if found]:
         raise ValueError(
-            f"an automaton cannot model {' or '.join(unknown)}; choose another set of plants or arm, or the law without a "
-            "shield"
+            f"an automaton cannot model {' or '.join(unknown)}; choose another set or arm, or remove the shield"
         )
     ranges = {f"{field}{j + 1}": plants.of_joint(field, j) for field in _FACTORS for j in range(JOINTS)}
     ranges["payload"] = plants.payload

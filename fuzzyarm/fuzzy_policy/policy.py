@@ -110,7 +110,7 @@ class Policy(abc.ABC):
             )
         if array.shape[-1:] != (self.memory_size,):
             raise ValueError(
-                f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as returned by predict"
+                f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as predict returns it"
             )
         return array
 
@@ -231,9 +231,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 def _no_torque(observation: np.ndarray) -> ValueError:
     """Return the error for observations (lanes, 5 n) for which a law returns nan."""
     largest = np.abs(observation).max()
-    return ValueError(
-        f"the policy returns no finite torque, because a number in the observation has magnitude {largest:g}"
-    )
+    return ValueError(f"the policy returns no finite torque, because an observed number has magnitude {largest:g}")
 
 
 class PassLearner(abc.ABC):

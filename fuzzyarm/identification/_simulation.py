@@ -22,7 +22,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import default_substeps
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, dry_frictions, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, motors, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
@@ -126,7 +126,7 @@ def _rigid_hold() -> Callable[..., None]:
         (m11, m12), (_, m22) = physics.mass_matrix(state.angle, arm)
         links = physics.inverse_dynamics(state.angle, rate, PerJoint(0.0, 0.0), arm)
         smooth = (v / root(v * v + _SMOOTH * _SMOOTH) for v in rate)
-        dry = (stribeck_magnitude(v, own) for v, own in zip(rate, dry_frictions(arm), strict=True))
+        dry = (stribeck_magnitude(v, own.dry_friction) for v, own in zip(rate, motors(arm, rate), strict=True))
         first, second = (
             given - load - viscous * v - size_ * sign
             for given, load, viscous, v, size_, sign in zip(

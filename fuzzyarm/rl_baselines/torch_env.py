@@ -201,9 +201,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             options: must be empty; there are no options.
         """
         if options:
-            raise ValueError(
-                f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options; leave out options"
-            )
+            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm has no reset options; leave them out")
         first = 0 if seed is None else checks.whole("seed", seed)
         with torch.no_grad():
             if seed is not None or not self._begun:

@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters, keep_quantities, qua
 from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
-    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "gravity_torque",
+    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "gravity_torque",
     "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motor_friction", "motors", "plant_of",
     "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian", "tip_position",
 ]  # fmt: skip
@@ -154,11 +154,6 @@ def plant_of(parameters: ArmParameters) -> Any:
     """Return the parameters as a `Plant`, the form used by the equations."""
     values = (getattr(parameters, field.name) for field in dataclasses.fields(parameters))
     return Plant(*(PerJoint(*value) if isinstance(value, tuple) else value for value in values))
-
-
-def dry_frictions(arm: Arm) -> tuple[DryFriction, DryFriction]:
-    """Return the parameters of the friction curves of both motors."""
-    return arm.dry_friction1, arm.dry_friction2
 
 
 def mass_matrix(cos2: Any, arm: Arm) -> tuple[Any, Any, Any]:

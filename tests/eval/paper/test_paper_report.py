@@ -89,7 +89,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys):
     for words, message in (
         (("--out", occupied), "fuzzyarm paper: cannot write to"),
         (("--expected", damaged, "--out", tmp_path / "out"), "--renew"),
-        (("--expected", damaged, "--renew", damaged, "--out", tmp_path / "out"), "give only one of them"),
+        (("--expected", damaged, "--renew", damaged, "--out", tmp_path / "out"), "give only one"),
         (("--renew", occupied / "new.json", "--out", tmp_path / "out"), "cannot write to"),
     ):
         assert run(*words) == 2

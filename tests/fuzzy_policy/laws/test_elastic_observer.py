@@ -251,7 +251,10 @@ def test_the_smooth_observer_predicts_without_stick_and_compensates_friction_by_
         (lambda: ObserverWeights(encoder_angle=True), r"ObserverWeights\.encoder_angle = True"),
         (lambda: ComputedTorquePolicy(bandwidth=-1.0), "bandwidth = -1"),
         (lambda: ElasticObserverPolicy(control_period=0.2), r"control_period = .* allowed"),
-        (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = .* for control_period = 0\.001 s"),
+        (
+            lambda: ElasticObserverPolicy(weights=NONE),
+            r"no gains were found at cos q2 = .* for control_period = 0\.001 s",
+        ),
     ],
 )
 def test_what_is_out_of_range_is_refused(made, message):
