@@ -8,8 +8,8 @@ q, sin q, cos 2q and sin 2q, and q = m + t with |t| <= h < π/2. With
 
 f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ_i a^(4-i) b^i with κ = (1, 4 cos h,
 2 + 4 cos² h, 4 cos h, 1). As a and b are not negative, f(q) = Σ_i f_i (κ_i a^(4-i) b^i) is a mean of the control values
-f_i. Applied to each angle in turn, this gives a matrix of d angles 5^d control matrices: if all of them are positive
-definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
+f_i. Applied to each angle in turn, this gives 5^d control matrices for a matrix of d angles: if all of these are
+positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
 *Cover.* The box is cut into smaller boxes until all control matrices of each box are positive definite. Hundreds of
 boxes are treated at a time, in floating point with a bound on every rounding error:

@@ -136,7 +136,7 @@ class DesignProblem:
     Attributes:
         specification: the requirements.
         model: the T-S model.
-        pairs: (i, j) with i <= j, p of them.
+        pairs: the p pairs (i, j) with i <= j.
         alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another rate.
         L: (N, N_e, 2, 6) in the paper's form, else empty.
         inequalities: inequalities of the theorems by name; "Psi" and "Phi" are stacks (p N_e, rows, rows), k fastest.

@@ -108,8 +108,8 @@ class Specification:
 def gamma_for(arm: ArmParameters, alpha: float = ALPHAS[0], gamma: float = 2e-4) -> float:
     """Return the γ [rad/(N m)] that is as strict for an arm as `gamma` is for Table 1 at the first of `ALPHAS`.
 
-    It is γ I₁/I · max(1, 20/α), to two digits, where I is the mean of the joints' largest inertias with their rotors
-    and I₁ that of Table 1; α is in 1/s.
+    It is γ I₁/I · max(1, 20/α), to two significant digits, where I is the mean of the joints' largest inertias with
+    their rotors and I₁ is that of Table 1; α is in 1/s.
     """
     factor = _inertia(ArmParameters()) / _inertia(arm) * max(1.0, ALPHAS[0] / alpha)
     return float(f"{gamma * factor:.2g}")
