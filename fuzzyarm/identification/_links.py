@@ -1,19 +1,19 @@
-"""A robot of n joints from logs of its motors, by weighted linear least squares with bodies that can exist.
+"""The parameters of a robot with n joints from logs: weighted linear least squares over bodies that can exist.
 
 With motor and link as one body, the torques are linear in ten numbers of each link, in the frame of its joint, and four
 of each joint:
 
     Γ = Y(q, q̇, q̈) π,    π_i = (m, m c, J),    and    I_a q̈ + f_v q̇ + Γ_fc sign q̇ + offset
 
-J is the inertia about the frame's origin. Only combinations of the links' numbers are told, as many as Y has columns
-that are independent (QR with pivoting); the start decides the rest, as a weak prior. A link is a body if its
-pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
+J is the inertia about the frame's origin. The logs determine only as many combinations of the links' numbers as Y has
+independent columns (QR with pivoting); the starting robot, a weak prior, determines the rest. A body with these numbers
+can exist if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
 
     [[½ tr(J) 1 - J, m c], [(m c)ᵀ, m]] > 0
 
-The alternating direction method of multipliers (ADMM) finds the least squares with these, and with rotors and frictions
-that are not negative: its projection cuts negative eigenvalues off. Rows are weighted by the residuals of their joint,
-and those that fit badly count less (Huber).
+The alternating direction method of multipliers (ADMM) solves the least-squares problem under these conditions, with
+non-negative rotor inertias and friction: its projection cuts off negative eigenvalues. Rows are weighted by the inverse
+scale of their joint's residuals, and rows that fit badly have less weight (Huber).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ __all__ = ["RobotFit", "body_regressor", "estimated_robot"]
 _BODY, _DRIVE = 10, 4  # numbers of a link and of a joint
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # entries of J, in their order in π
 _ENTRIES = tuple("xyz"[i] + "xyz"[j] for i, j in _PAIRS)
-_SLOWEST = 0.05  # rad/s: a joint's friction has no certain sign below
-_HUBER, _PASSES = 2.5, 4  # standard deviations
+_SLOWEST = 0.05  # rad/s: below this speed, the sign of a joint's friction is uncertain
+_HUBER, _PASSES = 2.5, 4  # standard deviations; number of fits
 _MOST = 4000  # samples
-_PRIOR = 1e-3  # weight of the start beside all samples
-_LEAST = 1e-6  # eigenvalue of a scaled pseudo-inertia
+_PRIOR = 1e-3  # weight of the prior relative to all samples
+_LEAST = 1e-6  # smallest eigenvalue of a scaled pseudo-inertia
 _ITERATIONS, _CLOSE, _BALANCED = 4000, 1e-9, 10.0
 _TOLD, _LEVEL = 0.1, 0.975
 _GROUPS, _PARTS = 5, 3
@@ -50,13 +50,13 @@ _UNITS = ("kg m^2", "N m s/rad", "N m")
 
 
 class RobotFit(NamedTuple):
-    """What is found of a robot."""
+    """The result for a robot."""
 
     robot: Robot
     rows: tuple[dict[str, Any], ...]
-    held_out: dict[str, tuple[float, ...]]  # torque that is left unexplained, by joint, of the start and of the robot
+    held_out: dict[str, tuple[float, ...]]  # by joint, share of the torque left unexplained by start and robot
     remarks: tuple[str, ...]
-    curves: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]  # name, times [s], torques measured and explained
+    curves: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]  # name, times [s], measured and computed torques
     interrupted: bool
 
 
@@ -65,18 +65,18 @@ class _Samples(NamedTuple):
 
     Y: np.ndarray  # (N, n, 14 n)
     torque: np.ndarray  # (N, n) [N m]
-    moving: np.ndarray  # (N, n)
+    moving: np.ndarray  # whether a joint is faster than `_SLOWEST`, (N, n)
     time: np.ndarray  # (N,) [s]
 
 
 def body_regressor(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
     """Return the columns of Y of the links, (N, n, 10 n), for q, q̇ and q̈ (N, n), in the order (m, m c, J) of each link.
 
-    The inverse dynamics are linear in these numbers: each column is the torque of a robot that has no other number. A
-    moment m c without mass is the difference of two bodies of mass 1.
+    The inverse dynamics are linear in these numbers: each column is the torque of a robot whose other numbers are 0.
+    The column of a moment m c is the difference between those of two bodies of mass 1.
     """
     n, body = len(robot), Link(1.0, (0.1, 0.2, 0.3), ((1.0, 0.1, 0.2), (0.1, 1.1, 0.3), (0.2, 0.3, 1.2)))
-    general = dataclasses.replace(  # in whose equations no number of a link is left out
+    general = dataclasses.replace(  # so that its equations contain every number of a link
         robot, joints=tuple(dataclasses.replace(joint, link=body) for joint in robot.joints)
     )
     physics = equations_of(general)
@@ -190,7 +190,7 @@ class _Cones:
         return np.concatenate([bodies.ravel(), np.where(self._offsets, drives, np.maximum(drives, _LEAST))])
 
     def minimum(self, H: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the scaled π of a robot that can exist with the least ½ πᵀ H π - bᵀ π, by ADMM."""
+        """Return the scaled π that minimises ½ πᵀ H π - bᵀ π among robots that can exist, by ADMM."""
         weight = float(np.exp(np.mean(np.log(np.maximum(np.diag(H), 1e-12 * np.diag(H).max())))))
         z = self.projected(self.matrix @ np.linalg.solve(H, b))
         dual, factor = np.zeros(len(z)), None
@@ -212,12 +212,12 @@ class _Cones:
 
 class _Fit(NamedTuple):
     pi: np.ndarray  # (14 n,)
-    deviation: np.ndarray  # of each number if the noise is independent, in its scale, (14 n,)
+    deviation: np.ndarray  # of each number for independent noise, in scales, (14 n,)
     half_width: np.ndarray | None  # of the 95 % intervals between logs, (14 n,)
 
 
 def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, told: np.ndarray) -> _Fit:
-    """Return the numbers of the robot; numbers of joints outside the truth mask `told` (4 n,) stay near the start's."""
+    """Return the numbers of the robot; joint numbers outside the mask `told` (4 n,) stay near those of the start."""
     prior, n, sigma = _numbers_of(start), len(start), np.ones(len(start))
     weights = [part.moving.astype(float) for part in parts]
     pi = prior
@@ -309,7 +309,7 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
 
 
 def _shares(pairs: Sequence[tuple[_Samples, np.ndarray]]) -> tuple[float, ...]:
-    """Return how much of the torques the numbers leave unexplained, rms over rms, by joint."""
+    """Return the share of the torques that the numbers leave unexplained, by joint: rms residual over rms torque."""
     left = np.concatenate([(part.torque - part.Y @ pi) * part.moving for part, pi in pairs])
     torque = np.concatenate([part.torque * part.moving for part, _ in pairs])
     return tuple(np.sqrt(np.mean(left**2, axis=0) / np.maximum(np.mean(torque**2, axis=0), 1e-300)).tolist())

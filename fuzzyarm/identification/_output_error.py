@@ -1,20 +1,20 @@
-"""Output error: the parameters with which windows, simulated from states that are found too, come closest to the logs.
+"""Output-error method: the parameters and the initial states for which simulated windows come closest to the logs.
 
     Σ_w ρ(|r_w(z, x_w)|² / s² + |(x_w - x̂_w) / σ_x|²) + |(z - ẑ) / σ_z|²,    r = simulated - measured
 
-over the parameters z and the states x_w at the beginning of each window w. x̂ are the states behind a filter, ẑ those of
-the start; s is the median of the windows' residuals. ρ is Cauchy's function, with which windows that no arm explains
-count little. Each Gauss-Newton step takes parameters and states together: the states are eliminated from the normal
-equations (Schur's complement), damped as Levenberg and Marquardt do. Derivatives are differences of simulations, which
-run as lanes of one batch.
+is minimised over the parameters z and the initial state x_w of each window w. x̂_w is the state from the filtered log,
+ẑ are the parameters of the starting arm, and s is the median of the windows' residuals. Cauchy's function ρ gives
+little weight to windows that no arm explains. Each Gauss-Newton step changes parameters and states together: the states
+are eliminated from the normal equations (Schur complement), and Levenberg-Marquardt damping is added. Derivatives are
+finite differences of simulations, which run as lanes of one batch.
 
-The noise of neighbouring samples is not independent, and neither is what the equations leave out; logs are. With the
-slopes g_l of the cost of each of L logs, the estimate has the covariance
+Neighbouring samples have dependent noise and dependent model errors; different logs are independent. With the gradients
+g_l of the cost of each of L logs, the sandwich estimator of the covariance is
 
     cov z = H⁻¹ (Σ_l g_l g_lᵀ) H⁻¹ L / (L - 1)
 
-of the sandwich estimator, and Student's distribution with L - 1 degrees of freedom. One log tells nothing of it, and
-none of it tells what the equations leave out.
+and the estimate has Student's distribution with L - 1 degrees of freedom. A single log gives no covariance; the
+covariance does not account for what the equations leave out.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from fuzzyarm.identification._simulation import Simulator, Windows, simulated
 
 __all__ = ["Found", "Search", "fitted"]
 
-_DIFFERENCE = 1e-4  # of the scale of a parameter
-_CAUCHY = 3.0  # medians of the windows' costs
-_TRIES = 8  # of a step, each ten times more damped
+_DIFFERENCE = 1e-4  # step of the finite differences, in scales of a parameter
+_CAUCHY = 3.0  # scale of Cauchy's function, in medians of the windows' costs
+_TRIES = 8  # largest number of attempts at a step, each with ten times the damping of the one before
 _LEAST_DAMPING = 1e-6
-_SMALL = 1e-9  # share of the scale from a bound at which a parameter counts as being there
-_TOLD = 0.1  # largest standard deviation of a parameter that is told, in scales
-_LEVEL = 0.975  # of the quantile behind a 95 % interval
+_SMALL = 1e-9  # distance from a bound, in scales, below which a parameter counts as being at the bound
+_TOLD = 0.1  # largest standard deviation of a parameter that the logs determine, in scales
+_LEVEL = 0.975  # level of the quantile for a 95 % interval
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Search:
-    """P numbers z that are searched, and how an arm follows from them: θ = T z + t, with exponentials of some rows."""
+    """P unknown numbers z, and the map from z to the arm's vector θ: θ = T z + t, with some rows exponentiated."""
 
-    names: tuple[str, ...]  # of each number
+    names: tuple[str, ...]  # one for each number
     units: tuple[str, ...]
     matrix: np.ndarray  # T, (17, P)
     fixed: np.ndarray  # t, (17,)
     logarithmic: np.ndarray  # which rows of T z + t are logarithms, (17,)
     start: np.ndarray  # ẑ, (P,)
-    likely: np.ndarray  # σ_z, (P,); inf where the start says nothing
+    likely: np.ndarray  # σ_z, (P,); inf where the starting arm gives no information
     scale: np.ndarray  # what counts as a large change, (P,)
-    low: np.ndarray  # bounds, (P,)
+    low: np.ndarray  # bounds on z, (P,)
     high: np.ndarray
 
     @property
@@ -67,7 +67,7 @@ class Search:
         return linear
 
     def without(self, which: np.ndarray) -> Search:
-        """Return the search in which some numbers (P,) stay at those of the start."""
+        """Return the search in which the numbers of the mask `which` (P,) are fixed at their values in `start`."""
         kept, fixed = np.flatnonzero(~which), self.fixed + self.matrix[:, which] @ self.start[which]
         parts: dict[str, Any] = {
             name: getattr(self, name)[kept] for name in ("start", "likely", "scale", "low", "high")
@@ -78,13 +78,13 @@ class Search:
 
 @dataclasses.dataclass(eq=False)
 class Found:
-    """The best z so far, and what is known of it."""
+    """The best z so far, with the data for its covariance."""
 
     search: Search
     z: np.ndarray  # (P,)
-    states: list[np.ndarray]  # of each `Windows`, (n, S)
+    states: list[np.ndarray]  # initial states of each `Windows`, (n, S)
     hessian: np.ndarray  # H, (P, P), with the prior
-    slopes: np.ndarray  # g_l of the logs, (L, P)
+    slopes: np.ndarray  # g_l of each log, (L, P)
     interrupted: bool = False
 
     @property
@@ -93,7 +93,7 @@ class Found:
         return self.search.theta(self.z[:, np.newaxis])[:, 0]
 
     def named(self) -> dict[str, float]:
-        """Return the numbers by name, none as a logarithm, and the sum of rotor and link 1 where both are searched."""
+        """Return the numbers by name, without logarithms, and the sum of rotor and link 1 if both are unknown."""
         values = np.where(self.search.exponential, np.exp(np.minimum(self.z, 50.0)), self.z)
         found = dict(zip(self.search.names, values.tolist(), strict=True))
         parts = ("inertia[0]", "motor_inertia[0]")
@@ -104,12 +104,12 @@ class Found:
         return (self.z > self.search.low + near) & (self.z < self.search.high - near)
 
     def told(self) -> np.ndarray:
-        """Return which numbers the logs tell, (P,): those that they narrow far below their scale."""
+        """Return which numbers the logs determine, (P,): those with a deviation far below the scale, or at a bound."""
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(self.hessian, hermitian=True))))
         return np.asarray((deviation < _TOLD * self.search.scale) | ~self._free())
 
     def half_widths(self) -> np.ndarray | None:
-        """Return half the widths of the 95 % intervals of z, (P,), nan at a bound; None from one log."""
+        """Return half the widths of the 95 % intervals of z, (P,), nan at a bound; None if there is only one log."""
         logs, free = len(self.slopes), self._free()
         widths = np.full(len(self.z), np.nan)
         if logs < 2:
@@ -125,13 +125,13 @@ class _Step:
     """The normal equations at one z: those of the parameters, with the states of each window eliminated."""
 
     hessian: np.ndarray  # (P, P), without the prior
-    slope: np.ndarray  # (P,)
-    by_log: np.ndarray  # its parts, (L, P)
+    slope: np.ndarray  # gradient, (P,)
+    by_log: np.ndarray  # the contribution of each log to `slope`, (L, P)
     back: list[tuple[np.ndarray, np.ndarray, np.ndarray]]  # H_xx⁻¹ (S, n, n), g_x (S, n) and H_zx (S, P, n)
 
 
 class _Problem:
-    """The residuals of windows, and their slopes."""
+    """The residuals of windows, and their derivatives."""
 
     def __init__(self, windows: Sequence[Windows], simulator: Simulator, search: Search, arm: ArmParameters) -> None:
         self.windows, self.simulator, self.search, self.arm = windows, simulator, search, arm
@@ -148,7 +148,7 @@ class _Problem:
         return found
 
     def costs(self, residuals: list[np.ndarray], states: list[np.ndarray], s: float) -> np.ndarray:
-        """Return the cost of each window, those of all logs in a row."""
+        """Return the cost of each window, the windows of all logs one after the other."""
         known = self.simulator.known[:, np.newaxis]
         parts = zip(residuals, states, self.guess, strict=True)
         return np.concatenate(
@@ -158,7 +158,7 @@ class _Problem:
     def linearised(
         self, z: np.ndarray, states: list[np.ndarray], residuals: list[np.ndarray], weights: np.ndarray, s: float
     ) -> _Step:
-        """Return the normal equations with these weights of the windows."""
+        """Return the normal equations for the given weights of the windows."""
         count, n, turn, known = len(z), len(self.simulator.known), self.simulator.turn, self.simulator.known
         steps = _DIFFERENCE * self.search.scale
         moved = np.concatenate([z[:, np.newaxis] + np.diag(steps), np.tile(z[:, np.newaxis], (1, n))], axis=1)
@@ -197,17 +197,17 @@ def fitted(
     close: float = 1e-4,
     advance: Callable[[], None] = lambda: None,
 ) -> Found:
-    """Return the z that minimises the cost, see the module.
+    """Return the z that minimises the cost; see the docstring of the module.
 
     Args:
-        windows: of all logs.
+        windows: the windows of all logs.
         simulator: the plant.
-        search: the numbers searched.
-        arm: for what θ does not contain.
-        noise: of the angles [rad]; s is not less.
-        steps: how many Gauss-Newton steps at most.
-        begin: z at which the search begins (default: the start of the search).
-        close: decrease of the cost, as a share of it, at which the search ends.
+        search: the unknown numbers.
+        arm: the arm with the parameters that θ does not contain.
+        noise: noise of the angles [rad], a lower bound on s.
+        steps: largest number of Gauss-Newton steps.
+        begin: z at which the search begins (default: `search.start`).
+        close: relative decrease of the cost below which the search ends.
         advance: called after each step. A KeyboardInterrupt ends the search at the best z so far.
     """
     problem = _Problem(windows, simulator, search, arm)
@@ -251,12 +251,12 @@ def fitted(
 
 
 def _total(costs: np.ndarray, knee: float, known: np.ndarray, away: np.ndarray) -> float:
-    """Return the cost of all windows by Cauchy's function, and that of the parameters."""
+    """Return the whole cost: Cauchy's function of the windows' costs, plus the cost of the parameters."""
     return knee * float(np.sum(np.log1p(costs / knee))) + float(np.sum(known * away**2))
 
 
 def _moved(z: np.ndarray, hessian: np.ndarray, slope: np.ndarray, damping: float, search: Search) -> np.ndarray:
-    """Return z after a damped step; a number at a bound beyond which the cost falls stays there."""
+    """Return z after a damped step; a number at a bound stays there if the cost falls beyond the bound."""
     near = _SMALL * search.scale
     stuck = ((z <= search.low + near) & (slope > 0.0)) | ((z >= search.high - near) & (slope < 0.0))
     free, step = ~stuck, np.zeros(len(z))

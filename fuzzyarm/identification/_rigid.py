@@ -4,15 +4,15 @@ With motor and link as one body, the torques are linear in nine base parameters 
 
     Γ = Y(q, q̇, q̈) π,    π = (c1 + I_a1, m2 r2, c3, I_a2, m1 r1 + m2 L1, f_v1, f_v2, Γ_fc1, Γ_fc2)
 
-with c1 and c3 of (3). The lengths and gravity are known; c1 and I_a1 appear only as a sum while nothing bends. Slow
-samples of a joint are left out of its equation. The noise of a torque has a share of the torques that it is the sum of,
-because angles and accelerations have errors too; samples that fit badly count less (Huber's weights). The start is a
-prior with a standard deviation of half of each value.
+with c1 and c3 of (3). Lengths and gravity are known; in a rigid arm, c1 and I_a1 appear only as a sum. Samples at which
+a joint is slow are left out of that joint's equation. The noise of a torque includes a share of each of its terms,
+because angles and accelerations have errors, too; samples that fit badly have less weight (Huber). The starting arm is
+a prior for the first five entries, with a standard deviation of half of each value, for I_a2 of twice its value.
 
-A vector θ holds the parameters that logs of the motors may determine. Lengths, masses and gravity keep the values of
-the start: eight numbers describe two links in a plane, and the torques of the motors depend on four combinations of
-them only, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other four;
-mass centers and moments of inertia follow.
+The vector θ contains the parameters that logs of the motors may determine. Lengths, masses and gravity keep their
+starting values: eight numbers describe two links in a plane, but the motors' torques depend only on four combinations,
+m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other four; mass
+centers and moments of inertia follow.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _FIELDS = (
     "static_friction", "stiffness", "damping",
 )  # fmt: skip
 UNKNOWNS = (*(_Unknown(field, joint) for field in _FIELDS for joint in (0, 1)), _Unknown("stribeck_velocity", None))
-"""In the order of θ, shape (17,)."""
+"""The entries of θ (17,), in order."""
 
 
 def start_of(arm: ArmParameters) -> np.ndarray:
@@ -91,19 +91,19 @@ def constants_of(theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
     return np.stack([np.broadcast_to(np.asarray(row, dtype=float), theta.shape[1:]) for row in rows])
 
 
-_SLOWEST = 0.1  # rad/s
+_SLOWEST = 0.1  # rad/s, least speed of a joint
 _FEWEST = 10  # samples of a joint
-_LIKELY, _LIKELY_ROTOR = 0.5, 2.0  # standard deviation of the start's values, in shares of them
-_LEAST_NOISE, _TURN_NOISE = 0.02, 0.04  # share of the largest torque; of the torques that a torque is the sum of
+_LIKELY, _LIKELY_ROTOR = 0.5, 2.0  # standard deviations of the prior, as shares of its values
+_LEAST_NOISE, _TURN_NOISE = 0.02, 0.04  # noise: share of the largest torque; share of each term of a torque
 _HUBER = 2.5  # standard deviations
 _PASSES = 4
-_MEDIAN_SQUARE = 0.455  # of a normal number
-_INERTIAL, _ROTOR = 5, 3  # entries of π before those of friction, and that of rotor 2
-_LEAST = 1e-3  # share of its scale that a number has that must be positive
+_MEDIAN_SQUARE = 0.455  # of a standard normal number
+_INERTIAL, _ROTOR = 5, 3  # number of entries of π before those of friction; index of rotor 2
+_LEAST = 1e-3  # lower bound of a positive number, in scales
 
 
 def rotor_share(arm: ArmParameters) -> float:
-    """Return the share of rotor 1 in the inertia of rotor and link 1 [0, 1], which no log of a rigid arm tells."""
+    """Return the share of rotor 1 in the inertia of rotor and link 1 [0, 1], which no log of a rigid arm determines."""
     return arm.motor_inertia[0] / (arm.motor_inertia[0] + arm.inertia[0])
 
 
@@ -118,7 +118,7 @@ def regressor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of Y for torque 1 and for torque 2, (N, 9) each, for q, q̇ and q̈ (N, 2), L1 [m] and g [m/s²].
 
-    The inverse dynamics are linear in c1 to c5: each column is the torque of an arm with one base parameter 1.
+    The inverse dynamics are linear in c1 to c5: each column is the torque for one base parameter 1 and the others 0.
     """
     nothing = filled(Arm, np.zeros(size(Arm)))
     ones = ({"c1": 1.0}, {"c2": length, "c5": gravity}, {"c3": 1.0}, {"c4": gravity})
@@ -139,9 +139,9 @@ def base_of(arm: ArmParameters) -> np.ndarray:
 
 
 def fit_rigid(motions: Sequence[Motion], start: ArmParameters) -> np.ndarray:
-    """Return the base parameters π (9,) of the motions of one arm, see the module; lengths and gravity of `start`."""
+    """Return the base parameters π (9,) that fit motions of one arm, with the lengths and gravity of `start`."""
     prior, largest = base_of(start), max(float(np.std(motion.torque)) for motion in motions)
-    samples = []  # of a motion and a joint: rows of Y, torques, and how much a sample counts
+    samples = []  # for each motion and joint: rows of Y, torques, and the weight of a sample
     for motion in motions:
         every = max(1, int((motion.settled.stop - motion.settled.start) / (2.0 * motion.independent)))
         q, dq, ddq, torque = (part[motion.settled][::every] for part in motion[:4])
@@ -167,7 +167,7 @@ def fit_rigid(motions: Sequence[Motion], start: ArmParameters) -> np.ndarray:
         normal[range(_INERTIAL), range(_INERTIAL)] += likely**-2
         gain[:_INERTIAL] += prior[:_INERTIAL] / likely**2
         sizes = np.sqrt(np.diag(normal))
-        sizes[sizes == 0.0] = 1.0  # friction of a joint that rests
+        sizes[sizes == 0.0] = 1.0  # friction of a joint at rest
         lower = np.linalg.cholesky(normal / np.outer(sizes, sizes) + 1e-9 * np.eye(len(sizes)))
         base = nnls(lower.T, np.linalg.solve(lower, gain / sizes), maxiter=500)[0] / sizes
         if k and samples:
@@ -176,10 +176,10 @@ def fit_rigid(motions: Sequence[Motion], start: ArmParameters) -> np.ndarray:
 
 
 def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
-    """Return the arm with base parameters π (9,), the rest as in `start`.
+    """Return the arm with base parameters π (9,) and other parameters as in `start`.
 
     The rotor's share of the inertia of link and rotor 1, and the ratio of static to Coulomb friction, are those of
-    `start`. Impossible values are moved to the next possible ones.
+    `start`. Impossible values are moved to the nearest possible ones.
     """
     total, mr2, c3, rotor2, mr1, *friction = base.tolist()
     (m1, m2), (l1, l2), share = start.mass, start.length, rotor_share(start)

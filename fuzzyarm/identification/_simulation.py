@@ -1,12 +1,12 @@
-"""Short windows of logs, and their simulation from given states under the logged torques.
+"""Short windows of logs, and their simulation from given initial states under the logged torques.
 
-The links are not measured, and a simulation without feedback diverges from an arm held against gravity within a second;
-over a window the two stay close. The torques are held between the samples. There are two plants:
+The links are not measured, and a simulation without feedback diverges within a second from the log of an arm held
+against gravity; over a short window the two stay close. Torques are held between samples. There are two plants:
 
     rigid     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + g(q) = Γ - f_v q̇ - F(q̇) q̇ / √(q̇² + v_0²),    by Runge and Kutta's method
     elastic   motors and links, with exact stick, as in the environment
 
-The rigid arm's friction is smooth around v = 0, because its derivatives are needed; v_0 is below what encoders resolve.
+The rigid arm's friction is smooth around q̇ = 0, because derivatives are needed; v_0 is below the encoders' resolution.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["EDGE", "ELASTIC", "RIGID", "Simulator", "Windows", "rms", "rms_errors", "simulated", "windows_of"]
 
-_CUTOFF = 20.0  # Hz, of the filter behind the states at the beginnings of windows
-_HIGHEST = 0.4  # cut-off frequency as a share of half the sampling rate, at most
-EDGE = 0.15  # s at both ends of a log in which the filter has not settled
-_STILL = 0.02  # rad: windows in which no joint moves further than that say nothing
+_CUTOFF = 20.0  # Hz, of the filter for the initial states of windows
+_HIGHEST = 0.4  # largest cut-off frequency, as a share of half the sampling rate
+EDGE = 0.15  # s, at both ends of a log, in which the filter has not settled
+_STILL = 0.02  # rad: windows in which no joint moves further than this are left out
 _SMOOTH = 0.02  # v_0 [rad/s]
-_LARGEST_STEP = 1e-3  # s, of the rigid arm
-_LOST = 1e3  # rad, of a simulation that has run away
-_WORST = 10.0  # rad that an error or a motion counts at most
+_LARGEST_STEP = 1e-3  # s, for the rigid arm
+_LOST = 1e3  # rad, the angle assigned to a simulation that has diverged
+_WORST = 10.0  # rad, upper limit of an rms error or motion
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,21 +53,19 @@ class Windows:
 
     log: int  # number of the log
     period: float  # between two samples [s]
-    first: np.ndarray  # numbers of their first samples, (S,)
-    q: (
-        np.ndarray
-    )  # angles, velocities and accelerations at the beginnings, behind a filter [rad, rad/s, rad/s²], (S, 2)
+    first: np.ndarray  # index of each window's first sample, (S,)
+    q: np.ndarray  # filtered angles, velocities and accelerations at the beginnings [rad, rad/s, rad/s²], (S, 2)
     dq: np.ndarray
     ddq: np.ndarray
     torque: np.ndarray  # held from a sample to the next [N m], (steps, 2, S)
-    taken: np.ndarray  # numbers of the samples that are compared, counted from the first, (K,)
-    measured: np.ndarray  # angles at these [rad], (K, 2, S)
+    taken: np.ndarray  # indices of the samples that are compared, counted from the window's first, (K,)
+    measured: np.ndarray  # angles at the samples `taken` [rad], (K, 2, S)
 
     def __len__(self) -> int:
         return len(self.first)
 
     def chosen(self, which: np.ndarray) -> Windows:
-        """Return some of the windows, by numbers or by truth, (S,)."""
+        """Return some of the windows, chosen by indices or by a mask (S,)."""
         ends = {name: getattr(self, name)[which] for name in ("first", "q", "dq", "ddq")}
         return dataclasses.replace(self, **ends, torque=self.torque[..., which], measured=self.measured[..., which])
 
@@ -76,12 +74,12 @@ def windows_of(log: Log, number: int, length: float, every: float, points: int, 
     """Return the windows of a log in which the arm moves.
 
     Args:
-        log: of a two-joint arm; it has this number.
-        number: see `log`.
-        length: of a window [s].
-        every: time from the beginning of a window to that of the next [s].
-        points: K, how many samples of a window are compared.
-        most: how many windows are kept, evenly spread.
+        log: a log of a two-joint arm.
+        number: number of the log.
+        length: length of a window [s].
+        every: time from the beginning of a window to the beginning of the next [s].
+        points: K, the number of samples of a window that are compared.
+        most: largest number of windows, chosen at even spacing.
     """
     rate = 1.0 / log.period
     cutoff = butter(4, min(_CUTOFF, 0.5 * _HIGHEST * rate), fs=rate, output="sos")
@@ -105,13 +103,13 @@ def windows_of(log: Log, number: int, length: float, every: float, points: int, 
 
 
 class Simulator(NamedTuple):
-    """A plant that windows are simulated with."""
+    """A plant for the simulation of windows."""
 
-    states: Callable[[Windows, np.ndarray, ArmParameters], np.ndarray]  # at the beginnings, (n, S), for θ (17,)
+    states: Callable[[Windows, np.ndarray, ArmParameters], np.ndarray]  # filtered initial states (n, S) for θ (17,)
     hold: Callable[[], Callable[..., None]]  # returns the function that advances lanes by one period
-    substeps: Callable[[float, ArmParameters], int]  # of a period [s]
-    known: np.ndarray  # standard deviation of each of the states that the filter gives [rad, rad/s], (n,)
-    turn: np.ndarray  # of states, for differences, (n,)
+    substeps: Callable[[float, ArmParameters], int]  # number of sub-steps of a period [s]
+    known: np.ndarray  # standard deviation of each filtered initial state [rad, rad/s], (n,)
+    turn: np.ndarray  # steps of the states in finite differences, (n,)
 
 
 _RigidState: Any = record_type("RigidState", angle=PerJoint, rate=PerJoint)
@@ -162,7 +160,7 @@ def _rigid_hold() -> Callable[..., None]:
 
 
 def _rigid_substeps(period: float, arm: ArmParameters) -> int:
-    """Return enough sub-steps for a stable smooth friction, whose slope at rest is Γ_fs / v_0."""
+    """Return enough sub-steps for a stable simulation of the smooth friction, with the slope Γ_fs / v_0 at rest."""
     M = np.array([two_joints().mass_matrix(PerJoint(0.0, q2), arm_constants(arm)) for q2 in (0.0, 0.5 * math.pi)])
     turning = np.linalg.inv(M + np.diag(arm.motor_inertia))
     slope = np.array(arm.static_friction) / _SMOOTH + np.array(arm.viscous_friction)
@@ -181,7 +179,7 @@ def _elastic_hold() -> Callable[..., None]:
 
 
 def _elastic_states(windows: Windows, theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
-    """Return the states with joints bent by the torques of their links."""
+    """Return the initial states, with each spring bent by the torque of its link."""
     constants = filled(Arm, constants_of(theta[:, np.newaxis], arm)[:, 0])
     load = rigid_inverse_dynamics(windows.q, windows.dq, windows.ddq, constants)
     link = windows.q - load / np.array([constants.stiffness1, constants.stiffness2])
@@ -207,10 +205,10 @@ def simulated(
 
     Args:
         simulator: the plant.
-        windows: S of them; the lanes go through them once or several times.
+        windows: S windows; the number of lanes is a multiple of S, and lane k simulates window k modulo S.
         theta: θ of the lanes, (17, lanes), see `_rigid`.
-        states: at the beginnings, (n, lanes).
-        arm: for what θ does not contain.
+        states: initial states, (n, lanes).
+        arm: the arm with the parameters that θ does not contain.
     """
     hold, count = simulator.hold(), simulator.substeps(windows.period, arm)
     lanes, constants = np.array(states, order="C"), np.ascontiguousarray(constants_of(theta, arm))
@@ -228,7 +226,7 @@ def simulated(
 def rms_errors(
     simulator: Simulator, windows: Sequence[Windows], theta: np.ndarray, arm: ArmParameters
 ) -> list[np.ndarray]:
-    """Return the error of the angles of each window [rad], rms over its samples, (S, 2), for θ (17,)."""
+    """Return the rms error of the angles over the samples of each window [rad], (S, 2), for θ (17,)."""
     found = []
     for one in windows:
         lanes = np.repeat(theta[:, np.newaxis], len(one), axis=1)
@@ -238,5 +236,5 @@ def rms_errors(
 
 
 def rms(angles: np.ndarray) -> np.ndarray:
-    """Return the rms of each window's angles (K, 2, S) over its samples [rad], at most `_WORST`, (S, 2)."""
+    """Return the rms of angles (K, 2, S) over the samples of each window [rad], limited to `_WORST`, (S, 2)."""
     return np.asarray(np.minimum(np.sqrt(np.mean(angles**2, axis=0)), _WORST).T)

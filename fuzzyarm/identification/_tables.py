@@ -1,7 +1,7 @@
 """Tables of numbers from files that robots and their tools write: text, NumPy, MATLAB and ROS 2 bags.
 
-A table has named columns, a unit where the file states one, and NaN where a cell holds no number. What a file calls its
-columns is left to `reading`. No file is unpickled, and no definition of a message that a bag carries is compiled.
+A table has named columns, a unit where the file states one, and NaN where a cell has no number. `reading` interprets
+the names of the columns. No file is unpickled, and the message definitions in a bag are not compiled.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ _LARGEST_FILE, _LARGEST_BAG, _LARGEST_METADATA = 64 * 2**20, 8 * 2**30, 2**20  #
 _MOST_STATES, _MOST_COLUMNS = 400_000, 1000
 _MOST_NUMBERS = 32_000_000
 _FEWEST_COLUMNS = 3  # time, an angle and a torque
-_PROBED = 50  # lines in the middle, by which delimiter and decimal mark are found
-_STEADY = 3  # lines of numbers in a row with which the table begins
-_AGREE = 0.8  # share of these lines
+_PROBED = 50  # lines in the middle of the file from which delimiter and decimal mark are found
+_STEADY = 3  # the table begins with this many lines of numbers in a row
+_AGREE = 0.8  # share of the probed lines that must agree
 _FORMATS = "CSV or other delimited text, .npz, .npy, .mat, .mcap, .db3 or the folder of a ROS 2 bag"
 _BAG = (".mcap", ".db3")
 _SAVED = ". In MATLAB: time = ...; q = [...]; tau = [...]; save('log.mat', 'time', 'q', 'tau'), one column per joint"
 _EMPTY = frozenset(("", "-", "na", "n/a", "null", "none"))
 _COMMENT = "#%/; \t"
-_MARKUP = {"JSON": r"\s*(\{|\[\s*[\[{])", "XML": r"\s*<", "YAML": r"(---|[\w ]+:)\s*\n"}  # how these begin
+_MARKUP = {"JSON": r"\s*(\{|\[\s*[\[{])", "XML": r"\s*<", "YAML": r"(---|[\w ]+:)\s*\n"}  # beginnings of such files
 _UNIT = re.compile(r"[\[(].*[\])]|-|[mkuµ]?(s|rad|deg|°|rev|turn|rpm|Nm|N ?[*·]? ?m|A|V|W|N)(/s|/min|\^?-1)*")
 _CLOCK = re.compile(r"(?:.*[\sT])?(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)\s*([AP]M)?(?:Z|[+-]\d\d:?\d\d)?", re.IGNORECASE)
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -51,24 +51,24 @@ _FIELDS = ("position", "velocity", "effort")
 class Table:
     """Columns of numbers."""
 
-    names: list[str]  # as the file has them, without units; "1", "2", ... if it has none
-    units: dict[str, str]  # of columns by name, as the file has them
+    names: list[str]  # as in the file, without units; "1", "2", ... if the file has no names
+    units: dict[str, str]  # of columns by name, as in the file
     values: np.ndarray  # (rows, columns), NaN where there is no number
     remarks: list[str] = dataclasses.field(default_factory=list)  # what was left out or assumed, a sentence each
     headed: bool = True  # whether the file names its columns
-    texts: dict[int, str] = dataclasses.field(default_factory=dict)  # of columns, the first cell that is not a number
+    texts: dict[int, str] = dataclasses.field(default_factory=dict)  # first cell that is not a number, by column
 
 
 def listing(names: Iterable[str], most: int = 12) -> str:
-    """Return names with commas in between, the first ones of many; "none" if there are none."""
+    """Return the first `most` names, separated by commas, and the number of further ones; "none" without names."""
     every = list(names)
     return ", ".join(map(shown, every[:most])) + f" and {len(every) - most} more" * (len(every) > most) or "none"
 
 
 def read_table(path: Path, topic: str | None = None) -> Table:
-    """Return the table in a file, or in the folder of a bag, whose `topic` matters if several have joint states.
+    """Return the table in a file or a bag's folder; `topic` selects one of several topics with joint states.
 
-    ValueError: it is of no known format, too large, or damaged; OSError: it cannot be read.
+    ValueError: the file has no known format, is too large, or is damaged; OSError: it cannot be read.
     """
     if path.suffix in _BAG or (path.is_dir() and (path / "metadata.yaml").is_file()):
         return _bag(path, topic)
@@ -87,7 +87,7 @@ def read_table(path: Path, topic: str | None = None) -> Table:
 
 
 def unit_of(text: str) -> str:
-    """Return a unit in one way of writing: "deg / s", "°/s" and "degree s^-1" are "deg/s", "N-m" is "nm"."""
+    """Return a unit in a uniform spelling: "deg/s" for "deg / s", "°/s" and "degree s^-1", "nm" for "N-m"."""
     short = re.sub(r"[\s*·⋅.]", "", text.strip().lower()).replace("μ", "µ").replace("µ", "u")
     short = re.sub(r"s\^?[-−]1$", "/s", short).replace("seconds", "s").replace("sec", "s")
     short = re.sub(r"(?<=[a-z])-(?=[a-z])", "", re.sub(r"degrees?|°", "deg", short))  # N-m
@@ -105,7 +105,7 @@ def _decoded(content: bytes) -> tuple[str, list[str]]:
 
 @dataclasses.dataclass(frozen=True)
 class _Style:
-    """How a text separates cells (None: by space) and marks decimals, and the number of its cells in a line."""
+    """The delimiter of a text's cells (None: space), its decimal mark, and the number of cells in a line."""
 
     delimiter: str | None
     mark: str
@@ -113,7 +113,7 @@ class _Style:
     trailing: bool = False  # whether the delimiter also ends each line
 
     def cells(self, line: str) -> list[str]:
-        """Return the cells of a line; a delimiter at its end makes no cell."""
+        """Return the cells of a line; a delimiter at the end of the line adds no cell."""
         parts = line.split(self.delimiter)
         if '"' in line and self.delimiter:
             with contextlib.suppress(csv.Error):  # a cell of more than 128 KiB
@@ -122,7 +122,7 @@ class _Style:
         return found[:-1] if len(found) == self.width + 1 and not found[-1] else found
 
     def numbers(self, line: str) -> list[float]:
-        """Return numbers of a line, NaN for a text; empty if the width is another or hardly any cell has a number."""
+        """Return the numbers of a line, NaN for a text; empty if the width differs or fewer than two are numbers."""
         cells = self.cells(line)
         row = [number if (number := self.number(cell)) is not None else math.nan for cell in cells]
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
@@ -133,14 +133,14 @@ class _Style:
         return len(cells) == self.width and all(cell and self.number(cell) is None for cell in cells)
 
     def number(self, cell: str) -> float | None:
-        """Return the number in a cell, the seconds of a date or time of day, NaN in an empty cell; None for a text."""
+        """Return the number in a cell, the seconds of a date or time of day, NaN for an empty cell, None for a text."""
         try:
             return float(cell.replace(",", ".") if self.mark == "," else cell)
         except ValueError:
             return math.nan if cell.lower() in _EMPTY else _seconds(cell)
 
     def score(self, lines: list[str]) -> tuple[int, int]:
-        """Return how many columns have numbers alone in most of the lines, and the width of the lines."""
+        """Return how many columns have numbers in most of the lines, and the width of the lines."""
         rows = [self.cells(line.strip("\r\n")) for line in lines]
         ((width, agreed),) = Counter(map(len, rows)).most_common(1)
         if agreed < _AGREE * len(lines) or width > _MOST_COLUMNS:
@@ -233,9 +233,9 @@ def _text(content: bytes) -> Table:
 def _heading(
     lines: list[str], style: _Style, is_numbered: bool = False, todo: str = ""
 ) -> tuple[list[str], dict[str, str]]:
-    """Return names of columns, none if there is no heading, and units from brackets or from a second line.
+    """Return the columns' names (empty without a heading) and their units from brackets or from a second line.
 
-    If rows are numbered, that column may have no name, as in R. ValueError: names are missing; it says what `todo`.
+    The column of row numbers may have no name, as in R. ValueError: names are missing; the message ends with `todo`.
     """
     bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
     if style.delimiter is None:
@@ -268,7 +268,7 @@ def _heading(
 
 
 def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
-    """Return the columns in arrays of one length: vectors, matrices with a column (or a row) a joint, and records."""
+    """Return the columns in arrays of one length: vectors, matrices with a column (or row) per joint, and records."""
     flat: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         fields = [(f"{name} {field}".strip(), array[field]) for field in array.dtype.names or ()]
@@ -306,7 +306,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
         if numbers > _MOST_NUMBERS:
             raise ValueError(f"it has {numbers} numbers; allowed: at most {_MOST_NUMBERS}. Leave out variables")
         found = loadmat(io.BytesIO(content), variable_names=[one[0] for one in plain]) if plain else {}  # type: ignore[arg-type]
-    except Exception as error:  # scipy's reader lets through whatever a damaged file brings about
+    except Exception as error:  # for a damaged file, scipy's reader may raise any exception
         raise ValueError(f"it is not a MATLAB file, or it is damaged ({' '.join(str(error).split())[:120]})") from None
     if not plain:
         raise ValueError(f"its variables ({listing(name for name, *_ in listed)}) are not arrays of numbers{_SAVED}")
@@ -314,7 +314,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
 
 
 def _bag(path: Path, topic: str | None) -> Table:
-    """Return the joint states of a ROS 2 bag, by their stamps or, if these are not set, by the times of recording."""
+    """Return the joint states in a ROS 2 bag, at the times of their stamps or, if these are not set, of recording."""
     try:
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_typestore
@@ -342,7 +342,7 @@ def _bag(path: Path, topic: str | None) -> Table:
                 states = [(received, decode(data, _JOINT_STATE)) for _, received, data in messages]
     except OSError:
         raise
-    except Exception as error:  # the library lets through whatever a damaged file brings about
+    except Exception as error:  # for a damaged file, the library may raise any exception
         raise ValueError(f"it is not a ROS 2 bag, or it is damaged ({' '.join(str(error).split())[:120]})") from None
     if not states:
         where = f" on {topic}" if topic else ""

@@ -1,14 +1,14 @@
-"""The two-joint arm from logs, in stages: rigid least squares, output error, and what held-out logs confirm.
+"""The parameters of a two-joint arm from logs, in stages; a later stage must lower the error on held-out logs.
 
     rigid start     `_rigid.fit_rigid`
-    rigid           output error over windows of 0.4 s; a parameter that no log tells stays at the start's value
-    Stribeck        static friction beside Coulomb friction, if it is asked for
-    sticking        the rigid arm again, with springs so stiff that they do not matter, and exact stick
+    rigid           output error over windows of 0.4 s; a parameter that the logs do not determine keeps its start value
+    Stribeck        static friction in addition to Coulomb friction, if requested
+    sticking        the rigid arm again, with springs so stiff that they have no effect, and exact stick
     elastic         stiffness, damping and both rotors, over windows of 0.2 s
 
-A later stage counts only if the *held-out error* falls: the logs are dealt into at most five groups (one log is cut
-into three parts), each group is predicted with the parameters of the others, over 0.5 s from measured states, and the
-error of the angles is taken, rms.
+A later stage counts only if the *held-out error* falls: the logs are divided into at most five groups (a single log is
+cut into three parts), and each group is predicted over 0.5 s from measured states with the parameters found from the
+other groups. The held-out error is the rms error of the predicted angles.
 """
 
 from __future__ import annotations
@@ -38,32 +38,32 @@ __all__ = ["HORIZON", "Stages", "estimated", "units_of"]
 _WINDOW, _ELASTIC_WINDOW = 0.4, 0.2  # s
 _POINTS, _ELASTIC_POINTS = 20, 40  # samples of a window that are compared
 _MOST, _MOST_ELASTIC = 400, 120  # windows of all logs
-HORIZON, _EVERY = 0.5, 0.25  # s, of a prediction; from the beginning of one to that of the next
+HORIZON, _EVERY = 0.5, 0.25  # s: duration of a prediction; time between the beginnings of two predictions
 _GROUPS, _PARTS = 5, 3
 _STEPS, _MORE_STEPS, _ELASTIC_STEPS = 15, 3, 8
-_CLOSE, _ELASTIC_CLOSE = 1e-4, 1e-3  # decrease of the cost, as a share of it, at which a search ends
-_BETTER, _NOT_WORSE = 0.98, 1.01  # factor of the held-out error of both joints together, and of one, of a later stage
-_LIKELY, _LIKELY_ROTOR, _LIKELY_SPRING = 0.5, 2.0, 1.5  # standard deviations: shares of the start, logarithm
-_ROTOR = 0.1, 0.9  # shares of the inertia of rotor and link between which the rotor's is taken to be
-_FRICTION = 0.2  # share of a joint's torque that is a large change of friction
-_STIFF, _WIDEST = 60.0, 3.0  # Hz; factor between a told stiffness and the ends of its interval
-_LEAST, _FARTHEST = 1e-3, 2.0  # share of its scale that a number keeps; lengths of its link that a center may be off
-_MEDIAN, _FOURTH = 0.6744897501960817, 70.0**0.5  # of |x| for x normal; of the coefficients 1, -4, 6, -4, 1
+_CLOSE, _ELASTIC_CLOSE = 1e-4, 1e-3  # relative decrease of the cost below which a search ends
+_BETTER, _NOT_WORSE = 0.98, 1.01  # largest ratio of held-out errors, later stage over earlier: product; each joint
+_LIKELY, _LIKELY_ROTOR, _LIKELY_SPRING = 0.5, 2.0, 1.5  # prior deviations: shares of the value (two), logarithm
+_ROTOR = 0.1, 0.9  # assumed limits of the rotor's share in the inertia of rotor and link
+_FRICTION = 0.2  # scale of friction, as a share of a joint's torque
+_STIFF, _WIDEST = 60.0, 3.0  # Hz; largest factor between a stiffness that counts as determined and its interval's ends
+_LEAST, _FARTHEST = 1e-3, 2.0  # lower bound of a number, in scales; upper bound of a mass center, in link lengths
+_MEDIAN, _FOURTH = 0.6744897501960817, 70.0**0.5  # median of |x| for normal x; norm of the coefficients 1, -4, 6, -4, 1
 _PLACES = {one.name: k for k, one in enumerate(UNKNOWNS)}
 
 
 @dataclasses.dataclass(eq=False)
 class Stages:
-    """What the stages found; the attributes of stages that were not reached are None."""
+    """The results of the stages; the attributes of stages that were not reached are None."""
 
     start: ArmParameters
     arm: ArmParameters  # the best so far
-    found: Found | None = None  # the output error of the last stage that counts
-    untold: tuple[str, ...] = ()  # numbers of the rigid arm that no log tells
+    found: Found | None = None  # result of the last stage that counts
+    untold: tuple[str, ...] = ()  # numbers of the rigid arm that the logs do not determine
     is_elastic: bool = False
     is_sticking: bool = False  # whether the last stage that counts has exact stick
     start_error: np.ndarray | None = None  # held-out error of the start's rigid arm [rad], (2,)
-    motion: np.ndarray | None = None  # how far the joints go in the windows that are predicted [rad], rms, (2,)
+    motion: np.ndarray | None = None  # rms motion of the joints in the predicted windows [rad], (2,)
     errors: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)  # held-out errors of the stages [rad]
     others: list[Found] = dataclasses.field(default_factory=list)  # results of every stage, whether it counts or not
     interrupted: bool = False
@@ -71,9 +71,9 @@ class Stages:
     def keep(
         self, found: Found, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False
     ) -> None:
-        """Take a stage's result.
+        """Adopt a stage's result.
 
-        Unless it was found, static friction keeps the start's ratio to Coulomb friction, and rotor 1 its inertia.
+        Unless it determines them, static friction over Coulomb friction and the inertia of rotor 1 are the start's.
         """
         theta = found.theta.copy()
         if is_sticking:
@@ -95,13 +95,13 @@ class Stages:
 def estimated(
     logs: Sequence[Log], start: ArmParameters, stribeck: bool, advance: Callable[[], None] = lambda: None
 ) -> Stages:
-    """Return the stages for the logs of one arm; see the module.
+    """Return the results of the stages for the logs of one arm; see the docstring of the module.
 
     Args:
-        logs: of both motors.
+        logs: logs of both motors.
         start: the arm from which the search begins.
-        stribeck: whether static friction is searched too.
-        advance: called after each step. A KeyboardInterrupt ends the stages at what is found so far.
+        stribeck: whether static friction is also unknown.
+        advance: called after each step. A KeyboardInterrupt ends the stages; the results so far are returned.
 
     Raises:
         ValueError: the arm rests in all logs.
@@ -120,7 +120,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
     start = stages.start
 
     def moving(length: float, every: float, points: int, most: int) -> list[Windows]:
-        """Return the windows of the logs that have any, see `windows_of`."""
+        """Return the windows of the logs that have any; see `windows_of`."""
         parts = [windows_of(log, k, length, every, points, max(most // len(logs), 1)) for k, log in enumerate(logs)]
         return [one for one in parts if len(one)]
 
@@ -158,7 +158,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         return found
 
     def held_out(found: Found, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
-        """Return the error of predictions of each group with the parameters of the others [rad], (2,)."""
+        """Return the rms error [rad], (2,), if each group is predicted with the parameters from the other groups."""
         errors = []
         for group in range(dealt.groups):
             others, own = dealt.chosen(parts, group, inside=False), dealt.chosen(predicted, group, inside=True)
@@ -187,7 +187,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
             best = errors
             stages.keep(found, stages.untold)
     parts, sticking = moving(_ELASTIC_WINDOW, _ELASTIC_WINDOW, _ELASTIC_POINTS, _MOST_ELASTIC), _stiffened(stages.arm)
-    if not parts:  # too slow a motion
+    if not parts:  # the motion is too slow
         return
     search = _rigid_search(sticking, friction, stribeck=False, ratio=static_ratio(stages.arm))
     search = search.without(np.array([name in stages.untold for name in search.names]))
@@ -204,13 +204,13 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
 
 
 def _tells_springs(found: Found) -> bool:
-    """Return whether the intervals of the springs' stiffness are narrower than a factor `_WIDEST` to both sides."""
+    """Return whether the intervals of the stiffnesses extend by less than a factor `_WIDEST` to both sides."""
     widths, springs = found.half_widths(), [name.startswith("stiffness") for name in found.search.names]
     return bool(np.all(found.told()[springs] if widths is None else widths[springs] < np.log(_WIDEST)))
 
 
 class _Dealt:
-    """Windows dealt into groups: by logs, those of a single log by time."""
+    """A division of windows into groups: by log, or by time if there is a single log."""
 
     def __init__(self, lengths: Sequence[int]) -> None:
         self._length = lengths[0] if len(lengths) == 1 else 0
@@ -236,7 +236,7 @@ _RISES = ("static_friction[0] - coulomb_friction[0]", "static_friction[1] - coul
 
 
 def units_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the units of numbers by their names, which may be sums."""
+    """Return the units of numbers with these names, which may be sums."""
     units = {one.name: one.unit for one in UNKNOWNS}
     return tuple(units[name.split(" ")[0]] for name in names)
 
@@ -248,7 +248,7 @@ def _rigid_numbers(arm: ArmParameters) -> np.ndarray:
 
 
 def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray:
-    """Return T with the entries of each number: its parameter, or those that are given by name."""
+    """Return T: each number is the parameter with its name, or sets the parameters in `of` with their factors."""
     T = np.zeros((len(UNKNOWNS), len(names)))
     for column, name in enumerate(names):
         for parameter, factor in of.get(name, {name: 1.0}).items():
@@ -259,10 +259,10 @@ def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray
 def _rigid_search(
     start: ArmParameters, friction: np.ndarray, *, stribeck: bool, ratio: Sequence[float] | np.ndarray = (1.0, 1.0)
 ) -> Search:
-    """Return the search for the rigid arm, with the start as a prior but for friction.
+    """Return the search for the rigid arm, with the start as a prior for all numbers except friction.
 
-    `friction` are large changes of viscous [N m s/rad] and of dry friction [N m], (4,); `ratio` is that of static to
-    Coulomb friction.
+    `friction` (4,) contains the scales of viscous [N m s/rad] and of dry friction [N m]; `ratio` is the ratio of static
+    to Coulomb friction.
     """
     names, z, share = [*_RIGID_NAMES, *(_RISES if stribeck else ())], _rigid_numbers(start), rotor_share(start)
     of = {names[0]: {"inertia[0]": 1.0 - share, "motor_inertia[0]": share}}
@@ -293,7 +293,7 @@ def _rigid_search(
 
 
 def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
-    """Return the search for rotors, springs and dampers too, with the rigid arm as a prior."""
+    """Return the search that includes rotors, springs and dampers, with the rigid arm as a prior."""
     names = [one.name for one in UNKNOWNS if one.field not in ("static_friction", "stribeck_velocity")]
     theta, ratio = start_of(arm), static_ratio(arm)
     of = {f"coulomb_friction[{k}]": {f"coulomb_friction[{k}]": 1.0, f"static_friction[{k}]": ratio[k]} for k in (0, 1)}
@@ -317,7 +317,7 @@ def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
 
 
 def _stiffened(arm: ArmParameters) -> ArmParameters:
-    """Return the arm with joints that resonate at `_STIFF`, damped by a tenth of the critical damping."""
+    """Return the arm with joints that resonate at `_STIFF`, with a damping ratio of 0.1."""
     constants, rotors = arm_constants(arm), np.array(arm.motor_inertia)
     links = np.array([constants.c1, constants.c3])
     reduced, rate = rotors * links / (rotors + links), 2.0 * np.pi * _STIFF
@@ -326,7 +326,7 @@ def _stiffened(arm: ArmParameters) -> ArmParameters:
 
 
 def _without_static(theta: np.ndarray) -> np.ndarray:
-    """Return θ of an arm whose friction at rest is that of motion, as the rigid stage takes it."""
+    """Return θ with static friction equal to Coulomb friction, as in the rigid stage."""
     found = theta.copy()
     for joint in (0, 1):
         found[_PLACES[f"static_friction[{joint}]"]] = theta[_PLACES[f"coulomb_friction[{joint}]"]]
@@ -343,6 +343,6 @@ def _is_better(errors: np.ndarray, before: np.ndarray) -> bool:
 
 
 def _noise_of(logs: Sequence[Log]) -> float:
-    """Return the noise of the angles [rad] from their fourth differences; at least a rounding."""
+    """Return the noise of the angles [rad] from their fourth differences; at least 1e-7."""
     rough = [np.median(np.abs(np.diff(log.angle, 4, axis=0))) / (_MEDIAN * _FOURTH) for log in logs]
     return max(float(np.median(rough)), 1e-7)

@@ -1,12 +1,13 @@
-"""Which conventions a log of a two-joint arm follows: units, side of the gear, angles, zeros, signs, order and delay.
+"""The conventions of a log of a two-joint arm: units, side of the gear, angles, zeros, signs, order and delay.
 
-The arm is rigid, π >= 0, and near the start's π_0 in its first five entries. For a reading of the log the misfit is
+The arm is assumed rigid, with π >= 0 and the first five entries near those of the starting arm, π_0. A set of
+conventions is a reading of the log, with the misfit
 
     J² = min over π of (Σ |(Γ - Y π) / s|² + Σ_k ((π_k - π_0k) / σ_k)²) / Σ |Γ / s|²
 
-with s a share of the largest torque and Y of `_rigid`. Readings with one or two changes are compared. Each change
-has to lower J by a share, and the best is named only if J falls below `_SPOKEN` of what it was. The scale of the torque
-alone is as uncertain as the masses of the start: it is doubted over several logs only.
+where s is a share of the largest torque and `_rigid` defines Y. Readings with one or two changes are compared. Each
+change must lower J by a share, and the best reading is reported only if J falls below `_SPOKEN` of its first value. The
+scale of the torque alone is as uncertain as the masses: it is changed only if there are several logs.
 """
 
 from __future__ import annotations
@@ -26,19 +27,19 @@ from fuzzyarm.identification.reading import held_mean
 
 __all__ = ["Diagnosis", "Reading", "diagnosed"]
 
-_SPOKEN, _USABLE, _EVIDENCE = 0.75, 0.6, 20.0  # shares of the misfit and of the torque; fall of the sum of squares
-_PER_CHANGE = 0.85  # of the misfit, that a further change has to fall below
+_SPOKEN, _USABLE, _EVIDENCE = 0.75, 0.6, 20.0  # share of the misfit; share of the torque; fall of the sum of squares
+_PER_CHANGE = 0.85  # factor by which each further change must lower the misfit
 _MOST_CHANGES = 2
-_RIVAL = 1.1  # times the best misfit
+_RIVAL = 1.1  # largest misfit of a rival, in best misfits
 _MODEL = 0.15  # error of the rigid arm as a share of the largest torque
-_KNOWN = np.array([0.5, 0.5, 0.5, 2.0, 0.5])  # σ as a share of π_0: the rotor is known least
-_LEAST = np.array([0.05, 0.02, 0.02, 0.02, 0.05])  # of the largest π_0 of one unit, for those near 0
-_ROWS = 400  # instants of a log, at most
-_ALIKE = 0.2  # by which a gear and 2π have to differ to be told apart
-_SLOWEST = 0.1  # of the root mean square of a velocity, below which its friction has no sign
+_KNOWN = np.array([0.5, 0.5, 0.5, 2.0, 0.5])  # σ as a share of π_0: the rotor is the most uncertain
+_LEAST = np.array([0.05, 0.02, 0.02, 0.02, 0.05])  # least σ, as a share of the largest π_0 with the same unit
+_ROWS = 400  # approximate number of instants of a log
+_ALIKE = 0.2  # least relative difference between a gear ratio and 2π at which both are tried
+_SLOWEST = 0.1  # share of the rms velocity below which the sign of friction is uncertain
 _DELAYS = 1e-3 * np.arange(5.0, 65.0, 5.0)  # s
 _NEAR = 1e-3 * np.arange(-4.0, 5.0)  # s
-_SIGNS = {  # of angles 1 and 2 and torques 1 and 2; all four together mirror the arm
+_SIGNS = {  # of angles 1 and 2 and torques 1 and 2; a change of all four mirrors the arm
     (1, 1, -1, -1): "both torques have the opposite sign",
     (1, 1, -1, 1): "torque 1 has the opposite sign",
     (1, 1, 1, -1): "torque 2 has the opposite sign",
@@ -51,19 +52,19 @@ _SIGNS = {  # of angles 1 and 2 and torques 1 and 2; all four together mirror th
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """How the numbers of a log are turned into the package's angles and torques; by default they are that."""
+    """The conversion of a log's numbers to the package's angles and torques; by default nothing changes."""
 
-    words: tuple[str, ...] = ()  # what the log has, in place of the package's conventions
+    words: tuple[str, ...] = ()  # the conventions of the log that differ from the package's
     angle: tuple[float, float] = (1.0, 1.0)  # factors of the joints' angles
-    torque: tuple[float, float] = (1.0, 1.0)  # and of their torques
-    exchanged: str = ""  # "both": the joints are in the other order; "torque": their torques alone
+    torque: tuple[float, float] = (1.0, 1.0)  # factors of the joints' torques
+    exchanged: str = ""  # "both": the joints are in the other order; "torque": only their torques are
     signs: tuple[int, ...] = (1, 1, 1, 1)  # of angles 1 and 2 and torques 1 and 2
     absolute: bool = False  # whether angle 2 is measured against the vertical
     zero: tuple[float, float] = (0.0, 0.0)  # added to the angles [rad]
-    delay: float = 0.0  # by which the torques are late [s]
+    delay: float = 0.0  # of the torques [s]
 
     def of_angles(self, values: np.ndarray, order: int = 0) -> np.ndarray:
-        """Return angles (N, 2) [rad], or their derivatives of an order, in the package's conventions."""
+        """Return angles (N, 2) [rad], or their derivatives of the given order, in the package's conventions."""
         turned = values * self.angle
         turned = (turned[:, ::-1] if self.exchanged == "both" else turned) * self.signs[:2]
         if self.absolute:
@@ -111,12 +112,12 @@ class Diagnosis:
 
 
 def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] = ()) -> Diagnosis:
-    """Return the likely reading of logs of one arm, all recorded alike.
+    """Return the likely reading of logs of one arm, all recorded with the same conventions.
 
     Args:
         logs: angles [rad] and torques [N m] of two joints, shape (N, 2) each, as they were read.
-        start: an arm with the lengths; its masses may be wrong by a half, the rest by more.
-        gear: the ratio or the ratios by which the logs were brought to the joint's side; it is doubted too.
+        start: an arm with the right lengths; its masses may be wrong by a half, other parameters by more.
+        gear: the ratio or ratios with which the logs were converted to the joint's side, perhaps by mistake.
     """
     data = [_Thinned(log) for log in logs]
     largest = math.sqrt(max(np.mean(np.concatenate([one.torque() ** 2 for one in data]), axis=0).max(), 1e-18))
@@ -143,7 +144,7 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
-    """Yield the log as it is, then readings with one or two changes; without `several`, none of the torque's scale."""
+    """Yield the log as it is, then readings with one or two changes; only if `several`, some scale torques alone."""
     one, degree = (1.0, 1.0), math.pi / 180.0
     already = "seem to be on the joint's side of the gears even without --gear"
     units = [("", one, one), ("the angles seem to be in degrees", (degree, degree), one)]
@@ -187,7 +188,7 @@ class _Thinned:
         self._torque, self._period = motion.torque, log.period
 
     def torque(self, delay: float = 0.0) -> np.ndarray:
-        """Return the smooth torques (N, 2) [N m] a time [s] later."""
+        """Return the smooth torques (N, 2) [N m], taken `delay` [s] after the instants."""
         at, every = self._chosen + delay / self._period, np.arange(len(self._torque))
         return np.stack([np.interp(at, every, one) for one in self._torque.T], axis=1)
 
@@ -195,7 +196,7 @@ class _Thinned:
 def _misfit(
     data: Sequence[_Thinned], reading: Reading, start: ArmParameters, largest: float
 ) -> tuple[float, float, float]:
-    """Return J, the share of the torque that is left, both as roots, and Σ |Γ / s|²."""
+    """Return J, the root of the share of Σ |Γ / s|² that is left unexplained, and Σ |Γ / s|²."""
     normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
     for one in data:
         q, dq, ddq = (reading.of_angles(part, order) for order, part in enumerate(one.parts))
@@ -210,7 +211,7 @@ def _misfit(
 
 
 def _constrained(normal: np.ndarray, slope: np.ndarray, total: float, known: np.ndarray) -> tuple[float, float]:
-    """Return J and the share of the torque that is left, as roots, for the normal equations (9, 9) and (9,) of π."""
+    """Return the first two results of `_misfit` from the normal equations of π, (9, 9) and (9,)."""
     floor = _LEAST * known[[0, 4, 0, 0, 4]]
     weight = 1.0 / np.maximum(_KNOWN * known, np.maximum(floor, 1e-9)) ** 2
     damped, right = normal.copy(), slope.copy()

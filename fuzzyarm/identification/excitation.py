@@ -1,13 +1,13 @@
-"""A motion that excites every base parameter of the rigid arm: a Fourier series of the joints within the arm's limits.
+"""A motion that excites every base parameter of the rigid arm: a Fourier series for each joint, within the limits.
 
     q(t) = q_0 + w(t) a Σ_k (s_k sin 2π k f t + c_k cos 2π k f t),    k = 1..6
 
-w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begins and ends at rest at q_0, hanging with
-a bent elbow. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
-within `SHARE` of their limits. A local search from random coefficients minimises the condition number of the regressor
-of `rigid`, with columns divided by the sizes of the base parameters and rows by the torque limits.
+w rises from 0 to 1 and falls back to 0 along quintic polynomials, so that the arm begins and ends at rest at q_0, where
+it hangs with a bent elbow. The amplitude a is the largest for which angles, velocities and the rigid arm's torques stay
+within `SHARE` of their limits. A local search from random coefficients minimises the condition number of the
+regressor of `_rigid`, with its columns multiplied by the base parameters and its rows divided by the torque limits.
 
-`rehearsed` records the motion on the simulated arm, under computed torque, with encoder noise.
+`rehearsed` records the motion of the simulated arm under computed-torque control, with encoder noise.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from fuzzyarm.identification.log import Log, joint_table
 
 __all__ = ["SHARE", "rehearsed", "suggested"]
 
-_HARMONICS = 6  # of the series, at most
+_HARMONICS = 6  # largest number of harmonics in the series
 SHARE = 0.6
-"""Largest share of the limits of angles, velocities and torques that a suggested motion takes."""
+"""Largest share of the limits on angles, velocities and torques that a suggested motion uses."""
 _SHORTEST, _LONGEST = 4.0, 120.0  # s
-_FASTEST = 1.5  # Hz, of the highest harmonic
+_FASTEST = 1.5  # Hz, largest frequency of the highest harmonic
 _RAMP = 1.0  # s
 _HOME = (0.0, 0.5)  # rad
 _DRAWS, _REFINEMENTS = 60, 900
@@ -52,7 +52,7 @@ class _Excitation(Reference):
     cosine: np.ndarray  # a c_k [rad], (harmonics, 2)
     frequency: float  # f [Hz]
     duration: float  # T [s]
-    parameters: ArmParameters  # the arm, for its tip
+    parameters: ArmParameters  # of the arm that moves
 
     @property
     def joints(self) -> int:
@@ -106,9 +106,9 @@ class _Excitation(Reference):
         return {name: np.abs(part).max(axis=0) for name, part in parts.items()}
 
     def condition(self) -> float:
-        """Return the condition number of the regressor, its columns in units of the arm's base parameters.
+        """Return the condition number of the regressor, with each column in units of the arm's base parameter.
 
-        A base parameter of 0 counts as the value that takes a hundredth of the torque limit.
+        Each unit is at least the value that needs a hundredth of the torque limit (rms).
         """
         arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
         rows = regressor(*sample, arm.length[0], arm.gravity)
@@ -152,7 +152,7 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> _Exc
     """Return a motion to record, for an arm whose parameters are roughly known.
 
     Args:
-        arm: its lengths and limits are taken as exact; its other parameters predict the torque that the motion needs.
+        arm: an arm with exact lengths and limits; its other parameters predict the torque that the motion needs.
         duration: T [s].
         seed: seed of the random coefficients from which the search begins.
 
@@ -196,10 +196,10 @@ def rehearsed(
     noise: EncoderNoise = _NOISE,
     bandwidth: float | None = None,
 ) -> Log:
-    """Return the log of a motion on a simulated arm, one sample each millisecond; the controller's model is `known`.
+    """Return the log of a motion of a simulated arm, one sample per millisecond; the controller's model is `known`.
 
-    `noise` disturbs angles [rad] and velocities [rad/s]; the controller has a bandwidth [rad/s] (default: its own).
-    ValueError: the arm left its limits.
+    `noise` disturbs angles [rad] and velocities [rad/s]; `bandwidth` is that of the controller [rad/s] (default: that
+    of `ComputedTorquePolicy`). ValueError: the arm left its limits.
     """
     env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
     policy = ComputedTorquePolicy(known, bandwidth=bandwidth)

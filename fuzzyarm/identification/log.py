@@ -1,11 +1,11 @@
 """A log of the motors: angles, velocities and torques at evenly spaced instants.
 
 Row k has the measurements at t_k and the torque that the motors held from t_k to t_{k+1}. Angles, velocities and
-torques refer to the joint's side of the gear. `reading` gets logs from files.
+torques refer to the joint's side of the gear. `reading` reads logs from files.
 
 `Log.smoothed` returns angles, velocities and accelerations without a shift in time: a Butterworth filter of order 4
-runs forwards and backwards over the measurements, and derivatives are central differences of its output. The torque
-passes the same filter; the torque at instant k is the mean of the torques held before and after it.
+runs forwards and backwards over the measurements, and derivatives are central differences of the filter's output. The
+torque at instant k is the mean of the torques held before and after k; the same filter smooths it.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ __all__ = ["FEWEST_SAMPLES", "Log", "Motion", "joint_table"]
 
 _PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
 FEWEST_SAMPLES = 100
-"""Of a log."""
+"""Smallest number of samples in a log."""
 _MOST_SAMPLES = 200_000
-_SHORTEST, _LONGEST = 1e-5, 0.05  # s, of a sampling period
+_SHORTEST, _LONGEST = 1e-5, 0.05  # s, limits of the sampling period
 
 _CUTOFF = 10.0  # Hz: above the motion of the motors, and below the vibration of elastic joints
 _ORDER = 4
 _SETTLING = 3.0  # periods of the cut-off frequency
-_HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at most
+_HIGHEST = 0.4  # largest cut-off frequency, as a share of half the sampling rate
 
 
 class Motion(NamedTuple):
     """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, n).
 
-    The ends of the log do not affect the instants `settled`; `independent` is the number of independent samples among
-    them.
+    The values at the instants `settled` do not depend on how the filter treats the ends of the log; `independent` is
+    the number of independent samples among these instants.
     """
 
     q: np.ndarray
@@ -59,8 +59,8 @@ class Log:
         angle: q_a [rad], shape (N, n).
         torque: Γ [N m], shape (N, n); row k is held from instant k to instant k + 1.
         velocity: q̇_a [rad/s], shape (N, n), or None.
-        name: of the file that it was read from, in messages.
-        remarks: what was done to the file's numbers to get these, a sentence each.
+        name: the log's name in messages; for a log from a file, the name of the file.
+        remarks: the changes made to the numbers of the file, one sentence each.
 
     Raises:
         TypeError: an entry is not a real number.
@@ -96,7 +96,7 @@ class Log:
         return self.angle if self.velocity is None else np.concatenate([self.angle, self.velocity], axis=1)
 
     def smoothed(self) -> Motion:
-        """Return the motion behind the filter that the docstring of this module describes."""
+        """Return the motion, filtered as described in the docstring of this module."""
         rate = 1.0 / self.period
         cutoff = min(_CUTOFF, 0.5 * _HIGHEST * rate)
         filter_ = butter(_ORDER, cutoff, fs=rate, output="sos")

@@ -1,10 +1,10 @@
 """Logs from files as robots write them: columns by name, units, uneven stamps, gaps and idle ends.
 
-Between stamps an angle is a straight line and a torque is held:
+Between time stamps, angles are interpolated linearly and torques are held:
 
     q(t) = line through (t_i, q_i),    Γ_k = 1/T ∫ Γ(t + delay) dt from k T to (k + 1) T,    T the median step
 
-so that an evenly spaced log stays as it is. Everything that is assumed, left out or changed is a remark of the log.
+so that an evenly spaced log does not change. A remark of the log states each assumption, omission and change.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _UNITS = {
     | dict.fromkeys(("rpm", "1/min", "rev/min"), _TURN / 60.0),
     "tau": {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2, "nmm": 1e-3, "knm": 1e3, "lbfin": 0.1129848, "ozin": 7.061552e-3},
 }
-"""SI units in each unit, as `_tables.unit_of` writes it."""
-# Endings of names that state no unit of an angle or a torque; a small a or v may be the name of a joint.
+"""Size of each unit in SI units; the units are spelled as `_tables.unit_of` returns them."""
+# Endings of column names that state neither an angle nor a torque; lower-case a or v may be the name of a joint.
 _RAW = frozenset(
     ["counts", "count", "cnt", "ticks", "mA", "ma", "A", "amp", "amps", "ampere", "V", "mV", "mv", "percent"]
 )
-_ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # stated by a name: time_ms
+_ENDINGS = ("s", "ms", "us", "ns", "rad", "deg", "rev", "rads", "degs", "rpm", "nm", "mnm")  # in a name: time_ms
 _WORDS = {
     "time": "time t timestamp timestamps stamp seconds sec zeit",
     "q": "q pos position positions angle angles theta phi",
@@ -53,23 +53,23 @@ _DEMANDED = (
     "des desired ref reference cmd command commanded target set goal err error link ff est std raw filtered temp"
 )
 _ROLE = re.compile(r"time|topic|(q|dq|tau)[1-9]\d?")
-_EVEN = 0.01  # share of a period by which a step in time may differ from the median step
+_EVEN = 0.01  # largest deviation of a time step from the median step, as a share of the median step
 _FEWEST_ROWS = 0.5  # share of the rows that must have all numbers
-_FASTEST, _SLOWEST = 5e-5, 0.05  # s, median steps from which a unit of time is guessed
-_GAP, _LEAST_GAP = 5.0, 0.02  # steps; s
-_NEAR = 11  # rows over which medians run
-_USUAL = 0.8  # quantile of steps or torques that no stray lifts
-_AWAY, _FAST = 10.0, 5.0  # medians of the steps nearby, and usual steps, that a stray angle is off by
-_PEAK = 10.0  # times the largest torque that lasts
+_FASTEST, _SLOWEST = 5e-5, 0.05  # s, range of the median step in which a unit of time is plausible
+_GAP, _LEAST_GAP = 5.0, 0.02  # lower limits of a gap: in median steps; in s
+_NEAR = 11  # rows in the window of a running median
+_USUAL = 0.8  # quantile of steps or torques that stray values do not raise
+_AWAY, _FAST = 10.0, 5.0  # lower limits of a stray angle's distance: in median steps nearby; in usual steps
+_PEAK = 10.0  # lower limit of a stray torque's distance, in largest lasting torques
 _MOST_STRAY = 0.05  # share of the rows
 _COUNTERS = 2.0 ** np.arange(8, 33)  # counts at which encoders wrap
-_WRAPPED = 0.01  # share of a turn by which a jump may differ from it
-_REPEATED = 0.4  # share of steps without time from which a line is taken to be of one joint
-_MOVED = 0.02  # share of a joint's range, within which it counts as idle
-_KEPT, _LEAST_IDLE = 0.3, 0.5  # s of an idle end that stay, and that are worth a cut
-_LATEST = 1.0  # s
+_WRAPPED = 0.01  # largest relative difference between a jump and a turn
+_REPEATED = 0.4  # share of zero time steps above which each line is assumed to contain a single joint
+_MOVED = 0.02  # share of a joint's range within which the joint counts as idle
+_KEPT, _LEAST_IDLE = 0.3, 0.5  # s: idle time kept at each end; least idle time that is cut off
+_LATEST = 1.0  # s, largest delay
 _LARGEST_GEAR = 1e4
-_SAME = 0.2  # by which the ratio of velocity to the slope of the angle may differ from 1
+_SAME = 0.2  # largest deviation from 1 of the ratio of a velocity to the slope of its angle
 
 
 def read_log(
@@ -84,16 +84,16 @@ def read_log(
 
     Args:
         path: the file, or the folder of a bag.
-        columns: names or numbers (from 1) of columns by role: time, q1, q2, ..., dq1, ..., tau1, ...; topic is that
-            of a bag. Roles that are not given are guessed from the names in the file.
-        units: unit, or its size in SI units, of time, q, dq or tau, or of tau2 alone, where the file states none or a
-            wrong one.
-        gear: reductions of the motors, one or one a joint, if the log is that of the motors' side: q / gear, tau gear.
+        columns: names or numbers (from 1) of columns by role: time, q1, q2, ..., dq1, ..., tau1, ...; topic selects
+            the topic of a bag. Roles that are not given are guessed from the names in the file.
+        units: unit, or its size in SI units, of time, q, dq or tau, or of one column such as tau2, where the file
+            states no unit or a wrong one.
+        gear: gear ratios, one or one per joint, if the log refers to the motors' side: q / gear, tau gear.
         delay: time [s] by which torques are recorded later than the angles that they belong to.
 
     Raises:
-        ValueError: the file is of no known format, or a column is missing, ambiguous, without numbers or in an unknown
-            unit; the message names it and what to do.
+        ValueError: the format of the file is unknown, or a column is missing, ambiguous, without numbers or in an
+            unknown unit; the message states the cause and a remedy.
         OSError: the file cannot be read.
     """
     path = checks.path_of("path", path)
@@ -121,7 +121,7 @@ def read_log(
 
 
 def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
-    """Return the column of each role: time, q1, tau1, and dq1 if there are velocities of every joint."""
+    """Return the column of each role: time, q1, tau1, ..., and dq1, ... if there are velocities of every joint."""
     roles = {role: _column(table, role, name) for role, name in given.items()}
     guessed: dict[tuple[str, str], list[int]] = {}
     for k, name in enumerate(table.names if table.headed else ()):
@@ -171,7 +171,7 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
 
 
 def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
-    """Choose the stamp of a header if nothing is given; ValueError if each joint has a time of its own."""
+    """Choose a header's stamps as the time unless a column is given; ValueError if joints have different times."""
     words = {k: re.findall(r"[^\W\d_]+", name.lower()) for k, name in enumerate(table.names if table.headed else ())}
     every = [k for k, one in words.items() if one and _KIND.get(one[-1]) == "time" and not {"des", "ref"} & set(one)]
     if "time" not in roles or len(every) < 2:
@@ -201,7 +201,7 @@ def _column(table: Table, role: str, name: str) -> int:
 
 
 def _meaning(name: str) -> tuple[str, str]:
-    """Return the kind of a column, "" if none, and the joint that its name tells: q_meas1 is q of 1."""
+    """Return the kind of a column ("" if unknown) and the joint in the column's name: q_meas1 is q of joint 1."""
     words = re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
     if len(words) > 1 and words[-1] in _ENDINGS:
         words = words[:-1]
@@ -214,7 +214,7 @@ def _meaning(name: str) -> tuple[str, str]:
 
 
 def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
-    """Return the joints: numbered ones, else those whose name has an angle and a torque, in the file's order."""
+    """Return the joints: numbered ones, else the names with both an angle and a torque, in the file's order."""
     numbered = {label for kind, label in guessed if kind in ("q", "tau") and label.isdecimal()}
     if numbered:
         return sorted(numbered, key=int)
@@ -225,7 +225,7 @@ def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
 
 
 def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
-    """Return the size of a unit in SI units, by `given` or by the heading; None if neither tells."""
+    """Return the size of a unit in SI units, from `given` or from the heading; None if neither states a unit."""
     stated = {table.units[name] for name in names if name in table.units}
     text = given[kind] if kind in given else stated.pop() if len(stated) == 1 else ""
     known = _UNITS[kind]
@@ -329,7 +329,7 @@ def _pieces(
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
 def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
-    """Return an angle (N,) without jumps across its range by a turn, 360 or, if it counts, a power of two."""
+    """Return an angle (N,) without jumps across its range by a turn, 360 or, for whole numbers, a power of two."""
     steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
     span = np.ptp(angle) / (1.0 + _WRAPPED)
     for size in (turn, 360.0, *counters):
@@ -345,10 +345,10 @@ def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) ->
 
 @np.errstate(over="ignore", invalid="ignore")
 def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[str], remarks: list[str]) -> np.ndarray:
-    """Return which rows (N,) have an angle or a torque, (N, n) in any unit, far from those before and after.
+    """Return which rows (N,) have a stray angle or torque, far from the values before and after; (N, n) in any unit.
 
-    A stray torque differs from the running median by many times the largest running median, an angle by far more than
-    the steps nearby. ValueError: too many rows have one.
+    A stray torque differs from the running median by many times the largest running median; a stray angle differs from
+    it by far more than the steps nearby. ValueError: too many rows have a stray value.
     """
     middle = median_filter(torque, (_NEAR, 1))
     lasting = np.maximum(np.abs(middle).max(axis=0), np.quantile(np.abs(torque), _USUAL, axis=0))
@@ -366,7 +366,7 @@ def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[
 
 
 def _away(angle: np.ndarray) -> np.ndarray:
-    """Return which angles (N,) are stray; equal ones in a row count as one, since a sentinel may last."""
+    """Return which angles (N,) are stray; equal angles in a row count as one, since a sentinel may be repeated."""
     changes = np.append(True, np.diff(angle) != 0.0)
     kept = first = np.flatnonzero(changes)
     for _ in range(3):  # strays may hide others nearby
@@ -428,7 +428,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
 def _even(
     stamps: np.ndarray, lines: np.ndarray, torque: np.ndarray, delay: float, remarks: list[str]
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the period [s], and lines and held torques at even instants from the first stamp to the last."""
+    """Return the period [s], and interpolated `lines` and mean torques at even instants from first to last stamp."""
     steps = np.diff(stamps)
     period = float(np.median(steps))
     uneven = np.abs(steps - period) > _EVEN * period
@@ -449,7 +449,7 @@ def _even(
 def held_mean(stamps: np.ndarray, torque: np.ndarray, at: np.ndarray, period: float) -> np.ndarray:
     """Return 1/T ∫ Γ dt from each instant `at` (N,) [s] over a period T [s], shape (N, n).
 
-    Γ (M, n) [N m] is held from its stamp (M,) [s] to the next; the first and the last go on beyond the stamps.
+    Γ (M, n) [N m] is held from its stamp (M,) [s] to the next; the first and last torques also apply beyond them.
     """
     begin, end = min(stamps[0], at[0]) - period, max(stamps[-1], at[-1] + period) + period
     edges = np.concatenate([[begin], stamps, [end]])
@@ -460,7 +460,7 @@ def held_mean(stamps: np.ndarray, torque: np.ndarray, at: np.ndarray, period: fl
 
 
 def _trimmed(log: Log, remarks: list[str]) -> Log:
-    """Return a log without its idle ends, of which a moment stays."""
+    """Return a log with its idle ends cut short."""
     near = _MOVED * np.ptp(log.angle, axis=0)
     moving = [np.flatnonzero((np.abs(log.angle - log.angle[k]) > near).any(axis=1)) for k in (0, -1)]
     if not (moving[0].size and moving[1].size):
@@ -478,7 +478,7 @@ def _trimmed(log: Log, remarks: list[str]) -> Log:
 
 
 def _with_true_velocities(logs: list[Log], remarks: list[str]) -> list[Log]:
-    """Return the logs, without velocities if these are not the slopes of the angles: another unit, sign or side."""
+    """Return the logs, without velocities if these are not the slopes of the angles (wrong unit, sign or side)."""
     if logs[0].velocity is None:
         return logs
     pairs = [(log.smoothed().dq, dataclasses.replace(log, velocity=None).smoothed().dq) for log in logs]

@@ -1,6 +1,6 @@
-"""The identified arm: `identify` takes logs of the motors and returns the arm, what the logs tell of it, and how well.
+"""The identified arm: `identify` returns the arm that fits logs of the motors, with intervals and held-out errors.
 
-See `_two_joints` for the estimation of two-joint arms, and `_links` for that of robots.
+See `_two_joints` for the estimation of two-joint arms, and `_links` for the estimation of robots.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from fuzzyarm.identification.log import Log
 
 __all__ = ["Identified", "identify"]
 
-_SPRING = 4.0  # factor by which a stiffness that is not told is taken to be off
-_DOUBTFUL = 0.7  # error as a share of the motion or the torque
+_SPRING = 4.0  # largest factor by which an undetermined stiffness is assumed to be wrong
+_DOUBTFUL = 0.7  # least error of a doubtful result, as a share of the motion or the torque
 _MOST_DRAWN = 4  # logs in a figure
-_SHORTEST = HORIZON + 2.0 * EDGE  # s, of a log
+_SHORTEST = HORIZON + 2.0 * EDGE  # s, shortest duration of a log
 _NAMES = [one.name for one in UNKNOWNS]
 
 
@@ -41,14 +41,14 @@ class Identified:
     """The arm that was identified from logs.
 
     Attributes:
-        arm: the arm, with the values of the logs where they tell them and those of the start elsewhere.
+        arm: the arm; parameters that the logs do not determine have the values of `start`.
         start: the arm from which the search began.
-        ranges: between which ends lies what the logs do not tell, and decides whether a controller is stable.
-        parameters: name, unit, start, value and 95 % interval (low, high) of each parameter, and whether the logs tell
-            it; None for an unknown end.
-        held_out: error on logs that the parameters were not found from, of each joint, by stage; the start's first.
-        held_out_unit: of these.
-        interrupted: whether the search was ended before it was through.
+        ranges: ranges of parameters that the logs do not determine but on which the stability of a controller depends.
+        parameters: name, unit, start, value and 95 % interval (low, high) of each parameter, and whether the logs
+            determine it; None for an unknown end of an interval.
+        held_out: error of each joint on logs that were not used to find the parameters, by stage; `start` first.
+        held_out_unit: unit of the held-out errors.
+        interrupted: whether the search was interrupted before its end.
         doubtful: whether the arm explains so little of the logs that units, signs or the start must be wrong.
         samples: number of samples of all logs.
     """
@@ -66,11 +66,11 @@ class Identified:
     _curves: Callable[[], list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter, see `parameters`."""
+        """Return a row for each parameter; see `parameters`."""
         return [dict(row) for row in self.parameters]
 
     def untold(self) -> tuple[str, ...]:
-        """Return the inertial parameters that no log tells although a rigid arm would show them; empty if all are."""
+        """Return the inertial parameters that the logs leave undetermined although they affect a rigid arm."""
         return tuple(row["name"] for row in self.parameters if row["needed"] and not row["told"])
 
     def remarks(self) -> list[str]:
@@ -78,7 +78,7 @@ class Identified:
         return list(self._remarks)
 
     def to_toml(self) -> str:
-        """Return the file of the arm, with what is not told as a table of ranges."""
+        """Return the text of the arm's file, with the ranges of undetermined parameters as a table."""
         return self.arm.to_toml() + self.ranges.to_toml()
 
     def to_dict(self) -> dict[str, Any]:
@@ -97,7 +97,7 @@ class Identified:
         }
 
     def write_figure(self, path: Path) -> None:
-        """Write the figure of measured and simulated angles (robots: torques) as PNG, for up to four logs.
+        """Write a PNG figure of measured and simulated angles (robots: torques) for up to four logs.
 
         Raises:
             OSError: the file cannot be written.
@@ -134,11 +134,11 @@ def identify(
 
     Args:
         logs: measurements of the motors of one arm, one log or several.
-        start: the arm from which the search begins. Lengths, gravity, limits, for two-joint arms masses, and all
-            parameters that the logs do not tell keep its values.
-        advance: called after each step. A KeyboardInterrupt ends the search; what is found so far is returned.
-        stribeck: whether friction that is larger at rest than in motion is searched; it counts only if the held-out
-            error falls. For two-joint arms.
+        start: the arm from which the search begins. It sets lengths, gravity, limits, the masses of two-joint arms, and
+            all parameters that the logs do not determine.
+        advance: called after each step. A KeyboardInterrupt ends the search; the result so far is returned.
+        stribeck: for two-joint arms, whether to search for friction that is larger at rest than in motion; it is kept
+            only if the held-out error falls.
 
     Raises:
         ValueError: no log moves the arm, or a log has another number of joints than the arm.
@@ -166,7 +166,7 @@ def identify(
 
 
 def _long(logs: Sequence[Log]) -> list[Log]:
-    """Return the logs that are long enough for a prediction; ValueError if none is."""
+    """Return the logs that are long enough for a prediction; ValueError if all are too short."""
     found = [log for log in logs if log.duration > _SHORTEST]
     if not found:
         longest = max(log.duration for log in logs)
@@ -217,10 +217,10 @@ def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identif
 
 
 def _rows(stages: Stages) -> list[dict[str, Any]]:
-    """Return what is told in the order of the search, then what is not.
+    """Return rows of the parameters that the logs determine, in the order of the search, then rows of the others.
 
-    The equations of each stage leave something out: an interval is wider than that between the logs by how much the
-    stages that search a parameter differ.
+    The half-width of an interval is √(w² + d²), where w is the half-width from the differences between logs and d the
+    largest difference between stages: the equations of each stage leave something out.
     """
     found = stages.found
     assert found is not None
@@ -243,7 +243,7 @@ def _rows(stages: Stages) -> list[dict[str, Any]]:
         low, high = (None, None) if ends is None else map(float, ends)
         rows.append(_row(name, unit, before[name], after[name], low, high, told=True))
     covered = {name.split(" ")[0] for name in (*search.names, *stages.untold)}
-    rest = [name for name in _NAMES if name not in covered]  # a rigid arm does not show these
+    rest = [name for name in _NAMES if name not in covered]  # these do not affect a rigid arm
     for name in (*stages.untold, *rest):
         row = _row(name, units_of([name])[0], before[name], after[name], None, None, told=False)
         rows.append(row if name in stages.untold else row | {"needed": False})
@@ -261,7 +261,7 @@ def _row(
 
 
 def _named(arm: ArmParameters) -> dict[str, float]:
-    """Return the numbers of an arm by name, with the sums and differences that a search may have."""
+    """Return the numbers of an arm by name, with the sums and differences that a search may contain."""
     named = dict(zip(_NAMES, start_of(arm).tolist(), strict=True))
     named["inertia[0] + motor_inertia[0]"] = named["inertia[0]"] + named["motor_inertia[0]"]
     for joint in (0, 1):
@@ -271,7 +271,7 @@ def _named(arm: ArmParameters) -> dict[str, float]:
 
 
 def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
-    """Return the ranges of rotors and springs: the interval where one is told, else a wide range around the value."""
+    """Return the ranges of rotors and springs: the interval if there is one, else a wide range around the value."""
     arm, by_name = stages.arm, {row["name"]: row for row in rows}
     rotors, springs = [], []
     for joint in (0, 1):
@@ -297,7 +297,7 @@ def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
 
 
 def _is_doubtful(stages: Stages) -> bool:
-    """Return whether the error of the stage that counts is above a share `_DOUBTFUL` of the motion of a joint."""
+    """Return whether the error of the last stage that counts exceeds the share `_DOUBTFUL` of a joint's motion."""
     if stages.motion is None or not stages.errors:
         return False
     errors = stages.errors["elastic" if stages.is_elastic else "sticking" if stages.is_sticking else "rigid"]
@@ -332,7 +332,7 @@ def _remarks(stages: Stages, logs: int) -> list[str]:
 
 
 def _drawn(log: Log, stages: Stages) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
-    """Return name, times [s], measured and simulated angles (N, 2) [rad] of a log, nan between the simulations."""
+    """Return a log's name, times [s], measured and simulated angles (N, 2) [rad]; nan between the simulations."""
     windows = windows_of(log, 0, HORIZON, HORIZON, 10**6)
     theta, simulator = start_of(stages.arm), ELASTIC if stages.is_elastic else RIGID
     computed = np.full(log.angle.shape, np.nan)

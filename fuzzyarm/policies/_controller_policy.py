@@ -1,4 +1,4 @@
-"""Controllers and controller files as policies for the robot that they were designed for, proven again when loaded."""
+"""Policies from controllers and controller files, for the robot of the design; loading repeats the proof."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def controller_policy(
     control_period: float,
     allow_unproven: bool = False,
 ) -> Policy:
-    """Return the policy of a controller, or of its file, once its inequalities are proven; see `load_policy`.
+    """Return the policy of a controller, or of its file, after proving its inequalities; see `load_policy`.
 
-    The policy is for `robot`, None meaning the robot that the controller was designed for, and a control period [s].
+    The policy is for `robot` (None: the robot for which the controller was designed) and a control period [s].
     """
     name, controller = (str(given), load_controller(given)) if isinstance(given, Path) else ("the controller", given)
     if not isinstance(controller, Controller | ScheduledController):
@@ -37,7 +37,7 @@ def controller_policy(
         certificate = None if allow_unproven else certify(controller)
         policy: Policy = FuzzyPolicy(controller, control_period)
     else:
-        # The generated equations and the proof of this form are loaded where a file needs them.
+        # The generated equations and the proof of this form are loaded only for a file that needs them.
         from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
         from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 

@@ -33,14 +33,14 @@ def learned_files(folder: Path) -> dict[str, str]:
     """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base."""
     own, bundle = {DESCRIPTION: file_digest(folder / DESCRIPTION)}, _bundle(folder)
     base = bundle.action.base if isinstance(bundle, PolicyBundle) else None
-    # A base without a known name is refused when the policy is loaded.
+    # Loading the policy refuses a base without a known name.
     return own | resolve(base).files() if base is not None and resolve(base).named else own
 
 
 def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
-    """Load a learned policy for a control period [s], with the policy that it is based on if there is one.
+    """Load a learned policy for a control period [s], together with its base policy if it has one.
 
-    ValueError if the folder is damaged, the policy was trained for another arm, or the period does not fit.
+    ValueError if the folder is damaged, or the policy was trained for another arm or another control period.
     """
     bundle, label = _bundle(folder), resolve(str(folder)).label
     if isinstance(bundle, PolicyBundle):

@@ -1,7 +1,7 @@
-"""A model in an ONNX file that acts in ``FuzzyArmLearn-v0``, as a policy of this package.
+"""A policy from an ONNX file with a model that acts in ``FuzzyArmLearn-v0``.
 
-Its first input holds observations (lanes, size) in float32, its first output actions (lanes, n), which are clipped to
-[-1, 1]; a model whose shape is for one lane runs once for each. onnxruntime runs the graph, which contains no code.
+The model's only input must be observations (lanes, size) in float32, its first output actions (lanes, n), which are
+clipped to [-1, 1]; a model for a single lane runs once per lane. onnxruntime runs the graph, which contains no code.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LARGEST = 64 * 2**20  # bytes
 
 
 def past_seen(path: Path, inputs: int, joints: int) -> int:
-    """Return the `history` for which a model has its number of inputs; ValueError if there is none."""
+    """Return the `history` for which an observation has `inputs` numbers; ValueError if there is no such `history`."""
     past, rest = divmod(inputs - 6 * joints, 2 * joints)
     if inputs == 5 * joints:
         return 0
@@ -38,14 +38,14 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
 
 
 class OnnxPolicy(Policy):
-    """The policy; its memory holds the control periods since an action, the action, and the memory of the features."""
+    """The policy; its memory holds the control periods since an action, that action, and the memory of the features."""
 
     def __init__(
         self, path: Path, robot: AnyArm, control_period: float, action: ActionDefinition | None = None
     ) -> None:
-        """Load a file whose actions are those of the registered task, or `action`.
+        """Load the file of a model with the actions of the registered task, or `action`.
 
-        ValueError if it is not such a model or onnxruntime is missing, OSError if it cannot be read.
+        ValueError if the file is not such a model or onnxruntime is missing; OSError if the file cannot be read.
         """
         super().__init__(robot, control_period)
         try:
@@ -60,7 +60,7 @@ class OnnxPolicy(Policy):
             self._session: Any = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
         except OSError:
             raise
-        except Exception as error:  # onnxruntime has no common class of its errors
+        except Exception as error:  # onnxruntime's errors have no common class
             reason = re.sub(r"\s+", " ", str(error))[:200]
             raise ValueError(f"{path} is not an ONNX model that onnxruntime can run: {reason}") from None
         given, *others = self._session.get_inputs()

@@ -1,8 +1,8 @@
-"""A model saved by stable-baselines3 or sb3-contrib, as a learned policy of this package.
+"""A learned policy from a model saved by stable-baselines3 or sb3-contrib.
 
-The zip's weights are read (by torch, without unpickling) and the strings in ``data``; pickled objects are not read. So
-settings stored only in them must be the library's defaults: the activation of the layers, and the feature extractor.
-The model must be trained on ``FuzzyArmLearn-v0``, whose features and action it gets.
+Torch reads the weights in the zip file without unpickling; of ``data`` only the strings are read, not pickled objects.
+The settings that are stored only in pickled objects, the activation of the layers and the feature extractor, must
+therefore be the library's defaults. The model must have been trained on ``FuzzyArmLearn-v0``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fuzzyarm.policies._onnx_model import past_seen
 
 __all__ = ["sb3_policy"]
 
-_LARGEST = 64 * 2**20  # bytes, of the zip and of each part that is read
+_LARGEST = 64 * 2**20  # bytes, for the zip file and for each part that is read
 _UNREAD = ("activation_fn", "features_extractor_class", "features_extractor_kwargs", "squash_output")
 
 
@@ -40,12 +40,12 @@ def sb3_policy(
 
     Actions are those of the registered task, or `action`.
 
-    The running mean and variance of the observations, as VecNormalize keeps them, are taken from a file ``NAME.npz``
-    beside ``NAME.zip`` with the arrays ``mean``, ``var`` and ``clip``, if there is one.
+    The running mean and variance of the observations from VecNormalize are read from a file ``NAME.npz`` in the folder
+    of ``NAME.zip``, if there is one, with the arrays ``mean``, ``var`` and ``clip``.
 
     Raises:
         ValueError: the file is not such a model, or the model belongs to another environment.
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     data, tensors = _read(path)
     settings = data.get("policy_kwargs", {})
@@ -77,7 +77,7 @@ _ROUTE = "export the model to ONNX, as docs/tutorials/train.md shows, and give -
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the strings of a zip, and its weights as arrays by name."""
+    """Return the strings in a zip file, and its weights as arrays by name."""
     try:
         import torch
     except ImportError:
@@ -94,14 +94,14 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             data = instance("data", json.loads(archive.read("data")), dict)
             found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
         tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}
-    except Exception as error:  # torch raises what it likes
+    except Exception as error:  # torch may raise any exception
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise ValueError(f"{path} is not a model saved by stable-baselines3: {reason}") from None
     return data, tensors
 
 
 def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell | None, str, str]:
-    """Return weights, biases, what remembers, activation and output of the network whose mean is the action."""
+    """Return weights, biases, LSTM cell, activation and output of the network that computes the mean action."""
     for hidden, last, activation, output in (
         ("mlp_extractor.policy_net.", "action_net.", "tanh", "clip"),
         ("actor.latent_pi.", "actor.mu.", "relu", "tanh"),
@@ -124,12 +124,12 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
 
 
 def _axes(tensors: dict[str, np.ndarray], name: str) -> tuple[int, ...]:
-    """Return how many axes weight and bias of a layer have; none that is missing."""
+    """Return the numbers of axes of a layer's weight and bias, without a number for a missing array."""
     return tuple(tensors[name + part].ndim for part in ("weight", "bias") if name + part in tensors)
 
 
 def _normaliser(path: Path, inputs: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return mean, variance and clip of a file, which need not exist."""
+    """Return mean, variance and clip from a file; without a file, values that change nothing."""
     if not path.is_file():
         return np.zeros(inputs), np.full(inputs, 1.0 - 1e-8), 1e6
     try:

@@ -1,27 +1,27 @@
 """A policy from the user's own code, named ``package.module:factory``.
 
-The module is imported, which runs it, and the factory is called. That happens only if the user has given the name, as
-`--policy` on the command line; `fuzzyarm.load_policy`, which also takes names from files, refuses it.
+The module is imported, which runs its code, and the factory is called. That happens only for a name given by the user,
+as `--policy` on the command line; `fuzzyarm.load_policy`, which also accepts names from files, refuses such a name.
 
-The factory may take ``control_period``, the time between two calls of `predict` [s], and ``robot``, the arm the policy
-is for (`ArmParameters`); each is passed by name if the factory has a parameter of that name. It returns any object with
+The factory may have parameters ``control_period``, the time between two calls of `predict` [s], and ``robot``, the arm
+of the policy (`ArmParameters`); they are passed by name. The factory must return an object with
 
     action, state = predict(observation, state=..., episode_start=..., deterministic=True)
 
-as in `Policy.predict`: ``observation`` (10,) as `FuzzyArmEnv` gives it, ``action`` (2,) motor torques [N m],
-``state`` whatever the policy needs at the next call, None when an episode begins. A policy that keeps its memory
-elsewhere must reset it when ``episode_start`` is true.
+as in `Policy.predict`: ``observation`` (10,) from `FuzzyArmEnv`, ``action`` (2,) motor torques [N m], ``state``
+anything that the policy needs at the next call, None when an episode begins. A policy that stores its memory elsewhere
+must reset it when ``episode_start`` is true.
 
-That is enough for `fuzzyarm evaluate`. Tools that run many arms at once pass (lanes, 10) and need (lanes, 2) back,
-with a state that has one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None or an
-array (lanes, m). Optional attributes are:
+That is enough for `fuzzyarm evaluate`. Tools that run many arms at once pass observations (lanes, 10) and need actions
+(lanes, 2) and a state with one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None
+or an array (lanes, m). Optional attributes are:
 
     action_period              time for which an action is held [s]
     without_dry_friction()     the policy for an arm without dry friction, see `fuzzyarm.eval.stability._linearisation`
     repeated()                 the policy for passes over one path (``--passes``), or None: an object with `predict` and
-                               ``begin_pass(state)``, which returns the state that the next pass begins with from the
-                               last one of this pass, see `fuzzyarm.fuzzy_policy.policy.PassLearner`
-    beliefs(state)             what it believes of the load, see `fuzzyarm.eval.episodes._beliefs`
+                               ``begin_pass(state)``, which takes the last state of a pass and returns the first state
+                               of the next pass, see `fuzzyarm.fuzzy_policy.policy.PassLearner`
+    beliefs(state)             the policy's estimates of the load, see `fuzzyarm.eval.episodes._beliefs`
     declared                   a mapping, or an object with attributes: ``objective``, ``tuned_on``, ``knows``, ``sees``
                                and ``remembers``, each a one-line string, see `Declared`
 """
@@ -54,12 +54,12 @@ __all__ = ["UserPolicy", "load_code", "source_file"]
 def load_code(
     name: str, control_period: float, robot: AnyArm, action: ActionDefinition | None = None
 ) -> Policy | UserPolicy:
-    """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`registry.FOREIGN`).
+    """Return the policy of ``package.module:factory`` or of a foreign model (`registry.FOREIGN`) for T [s].
 
     The actions of a foreign model are those of ``FuzzyArmLearn-v0``, or `action`.
 
-    The current folder is also searched, as with ``python -m``. ValueError if the module is not found or fails, has no
-    such factory, the factory fails, or its result has no `predict` or a wrong `declared`.
+    The current folder is also searched, as with ``python -m``. ValueError if the module is not found, fails or has no
+    such factory, if the factory fails, or if its result has no `predict` or a wrong `declared`.
     """
     if prefix := foreign(name):
         path = Path(name.removeprefix(prefix))
@@ -89,14 +89,14 @@ def load_code(
             f"{name} returned an object of type {type(policy).__name__}; needed: a policy with a method predict"
         )
     loaded = UserPolicy(name, policy, control_period)
-    _ = loaded.declared  # a wrong one is refused before anything runs
+    _ = loaded.declared  # a wrong declaration is refused before anything runs
     return loaded
 
 
 def source_file(name: str) -> Path | None:
     """Return the file of a foreign model, or the source of the module of ``package.module:factory``.
 
-    The module is imported for it; ValueError if that fails.
+    The module is imported to find its source; ValueError if the import fails.
     """
     if prefix := foreign(name):
         return Path(name.removeprefix(prefix))
@@ -107,7 +107,7 @@ def source_file(name: str) -> Path | None:
 def _imported(name: str) -> ModuleType:
     module = name.partition(":")[0]
     here = os.getcwd()
-    if here not in sys.path:  # the path of an installed command begins with the command's own folder instead
+    if here not in sys.path:  # for an installed command, the path begins with the folder of the command
         sys.path.insert(0, here)
     try:
         return importlib.import_module(module)
@@ -118,24 +118,24 @@ def _imported(name: str) -> ModuleType:
 
 
 class UserPolicy:
-    """A wrapper of the user's object that turns its failures into errors that name it."""
+    """A wrapper of the user's object that turns failures of the object into errors with its name."""
 
     def __init__(self, name: str, policy: Any, control_period: float) -> None:
         self.name, self.control_period, self._policy = name, control_period, policy
 
     @property
     def action_period(self) -> float:
-        """Time for which an action is held [s]: the object's own, or the control period."""
+        """Time for which an action is held [s]: that of the object if it states one, else the control period."""
         return float(getattr(self._policy, "action_period", self.control_period))
 
     def without_dry_friction(self) -> UserPolicy:
-        """Return this policy for an arm without dry friction; itself if the object has no such method."""
+        """Return this policy for an arm without dry friction; this policy if the object has no such method."""
         method = getattr(self._policy, "without_dry_friction", None)
         return self if method is None else UserPolicy(self.name, method(), self.control_period)
 
     @property
     def declared(self) -> Declared | None:
-        """The declaration of the object, None if it has none; ValueError if a field is wrong."""
+        """The declaration of the object, None without a declaration; ValueError if a field is wrong."""
         given = getattr(self._policy, "declared", None)
         try:
             return None if given is None else stated(given)
@@ -144,11 +144,11 @@ class UserPolicy:
 
     @property
     def beliefs(self) -> Callable[[Any], Any] | None:
-        """The object's method ``beliefs(state)``; None if it has none."""
+        """The object's method ``beliefs(state)``; None if there is no such method."""
         return self._believed if callable(getattr(self._policy, "beliefs", None)) else None
 
     def repeated(self) -> UserPolicy | None:
-        """Return the object's policy for passes over one path, None if it has none; ValueError if it fails."""
+        """Return the object's policy for passes over one path, or None; ValueError if its method `repeated` fails."""
         found = self._called("repeated") if hasattr(self._policy, "repeated") else None
         if found is None:
             return None
@@ -203,7 +203,7 @@ class UserPolicy:
                 f"{self.name}: predict returned an action of shape {torque.shape} for observations of shape "
                 f"{observation.shape}; needed: {needed}, the motor torques [N m]"
             )
-        if torque.dtype.kind not in "fiuO":  # the environment looks at objects one by one
+        if torque.dtype.kind not in "fiuO":  # the environment checks objects one by one
             raise ValueError(
                 f"{self.name}: predict returned an action of type {torque.dtype}; the motor torques [N m] must be "
                 "two real numbers"

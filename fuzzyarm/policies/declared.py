@@ -1,8 +1,8 @@
 """The declaration of each policy, which shows where a comparison of control and learning is unequal.
 
-A declaration says for which objective and on which plants a policy was tuned, its prior knowledge of the arm, its
-observations, and its memory between samples. Policies of the package are declared here by name, files and folders by
-their content, and the user's own code by its attribute ``declared`` (`user_code`).
+A declaration states for which objective and on which plants a policy was tuned, its prior knowledge of the arm, its
+observations, and its memory between samples. This module declares the package's policies by name, and files and folders
+by their content; the user's own code declares itself by its attribute ``declared`` (`_user_code`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Declared(NamedTuple):
 
     objective: str  # the quantity that its tuning minimised
     tuned_on: str  # motions, plants and loads of its tuning
-    knows: str  # knowledge of the arm beforehand
+    knows: str  # prior knowledge of the arm
     sees: str  # content of its observation
     remembers: str  # memory from one sample to the next
 
@@ -127,8 +127,8 @@ _NAMED = {
 
 _MARGINS = "margins at random postures and along the default path of the arm of {}"
 _POSTURES = "random postures of {}; all else of the arm of Table 1"
-# Objective (empty: unchanged) and `tuned_on` of a law for another arm, in place of its own; {} names the arm.
-_ON_ROBOTS = {  # which takes its numbers from those of Table 1
+# For a law on another arm: the objective (empty: unchanged) and `tuned_on` that replace those of the law; {}: the arm.
+_ON_ROBOTS = {  # the law's numbers are derived from those of Table 1
     COMPUTED_TORQUE: ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
     ELASTIC_OBSERVER: ("weights of Table 1, softened until there are margins", _POSTURES),
     SMOOTH_OBSERVER: ("that of elastic-observer, whose gains it has", "nothing of its own"),
@@ -137,7 +137,7 @@ _ON_ROBOTS = {  # which takes its numbers from those of Table 1
         f"{_POSTURES}; two numbers for all robots on passes of the UR5 in Case 2",
     ),
 }
-_TUNED = {  # from a tuned folder, by the rules of the shipped policies
+_TUNED = {  # a law from a tuned folder, tuned by the rules of the shipped policies
     _FUZZY: ("", "nominal case of the arm of {}"),
     COMPUTED_TORQUE: ("", "nominal case of the arm of {}"),
     ELASTIC_OBSERVER: ("", "random plants, constant forces and payloads on the default path of the arm of {}"),
@@ -146,7 +146,7 @@ _TUNED = {  # from a tuned folder, by the rules of the shipped policies
         "random plants, forces, payloads, delays, noise and references of the arm of {}; its default path without load",
     ),
 }
-_TUNED_SERIAL = _TUNED | {  # from that of a serial robot
+_TUNED_SERIAL = _TUNED | {  # a law from the tuned folder of a serial robot
     _FUZZY: ("largest decay rate within margins, at a proven bound", _MARGINS),
     COMPUTED_TORQUE: ("largest bandwidth within margins", _MARGINS),
     ELASTIC_OBSERVER: ("weights of Table 1, softened to have margins", _MARGINS),
@@ -159,12 +159,12 @@ def _instead(own: Declared, table: Mapping[str, tuple[str, str]], law: str, arm:
 
 
 def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: AnyArm | None = None) -> Declared | None:
-    """Return the declaration of a policy; None if it has none.
+    """Return the declaration of a policy; None without a declaration.
 
     `policy` is the loaded policy, needed only for the user's own code. With several `passes` over the same path, a
-    policy that learns from pass to pass also remembers the previous ones. `arm` is the arm for which a named policy was
-    loaded, by default Table 1; files and folders hold their own. ValueError if the policy's file or folder is damaged,
-    OSError if it cannot be read.
+    policy that learns from pass to pass also remembers the previous passes. `arm` is the arm for which a named policy
+    was loaded, by default that of Table 1; files and folders state theirs. ValueError if the policy's file or folder is
+    damaged, OSError if it cannot be read.
     """
     spec = name if isinstance(name, PolicySpec) else resolve(name)
     own, law = _own(spec, policy), spec.name.removesuffix(TIP)
@@ -187,13 +187,13 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: A
 
 
 def declared_by_name(name: str) -> Declared | None:
-    """Return the declaration of a policy of the package, None for any other; no file is read."""
+    """Return the declaration of a policy of the package, None for any other policy, without reading a file."""
     spec = resolve(name)
     return declared(spec) if spec.named else None
 
 
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:
-    """Return the declaration of a law without the additions for the ending `TIP` and for passes."""
+    """Return the declaration of a law without the additions for the suffix `TIP` and for passes."""
     path = spec.path
     if spec.shield is not None and spec.kind is not Kind.CODE:
         base, guest = declared(spec.shield.law), declared(spec.shield.guest)
@@ -208,7 +208,7 @@ def _own(spec: PolicySpec, policy: Any) -> Declared | None:
         return own
     if path is None:
         return None
-    law = path.stem if path.stem == _FUZZY else path.name  # the controller file that a tuning writes, or a law
+    law = path.stem if path.stem == _FUZZY else path.name  # the controller file from tuning, or a law
     if spec.tuned and law in _TUNED:
         two_joints = isinstance(chosen_arm(path.parent, None), ArmParameters)
         return _instead(_NAMED[law], _TUNED if two_joints else _TUNED_SERIAL, law, path.parent.name)
@@ -234,7 +234,7 @@ def _of_controller(path: Path) -> Declared:
 
 
 def _of_learned(folder: Path) -> Declared | None:
-    """Return the declaration of a learned policy's folder; None if there is none."""
+    """Return the declaration of a learned policy from its folder; None if there is no such folder."""
     from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle, is_observer
 
     if not folder.is_dir():
@@ -260,7 +260,7 @@ def _of_learned(folder: Path) -> Declared | None:
 
 
 def _memory(bundle: Any) -> str:
-    """Return the memory of the network of a bundle in words."""
+    """Return, in words, the memory of a bundle's network."""
     features = bundle.features
     counts = ((features.past_errors, "error"), (features.past_actions, "action"))
     kept = [f"{number} {word}{'' if number == 1 else 's'}" for number, word in counts if number]

@@ -1,4 +1,4 @@
-"""Policies known by name, and how each is made; `add_policy` adds one."""
+"""The registry of policies known by name; `add_policy` adds a policy."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ __all__ = [
 ]  # fmt: skip
 
 FOREIGN = {"sb3:": ".zip", "onnx:": ".onnx"}
-"""What stands in front of the path of another library's model, and the ending of its file."""
+"""Prefix of the path of another library's model, and suffix of its file."""
 
 TIP = "-tip"
-"""Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the
-reference instead of the motors."""
+"""Suffix of a policy's name with which its law is wrapped in `fuzzy_policy.laws.tip.TipPolicy`, which guides the tip
+along the reference instead of the motors."""
 
 Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
-"""Makes a law from the arm it is for and the control period [s]."""
+"""A function that makes a law from its arm and the control period [s]."""
 
 
 class Kind(enum.StrEnum):
     """The source that a policy is made from."""
 
-    LAW = "law"  # a function of this process, which takes the arm and the control period
+    LAW = "law"  # a function in this process with the arguments arm and control period
     CONTROLLER = "controller"  # a controller file
     LEARNED = "learned"  # the folder of a learned policy
     TUNED = "tuned"  # a law with the numbers of a folder of `fuzzyarm tune`
@@ -45,12 +45,12 @@ class Kind(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class _NamedPolicy:
-    """How a policy known by name is made."""
+    """The source of a policy known by name."""
 
     kind: Kind  # what it is made from; never `Kind.CODE`
     factory: Factory | None = None  # for `Kind.LAW`, the function that makes it
     path: Path | None = None  # otherwise, the controller file or the folder of the learned policy
-    has_tip: bool = False  # whether the name with the ending `TIP` is known as well
+    has_tip: bool = False  # whether the name with the suffix `TIP` is known as well
 
 
 LAWS = {
@@ -58,7 +58,7 @@ LAWS = {
     "elastic-observer": "elastic_observer:ElasticObserverPolicy",
     "adaptive-observer": "adaptive.policy:AdaptiveObserverPolicy",
 }
-"""Laws that need no controller file; each is imported when it is made, so that `import fuzzyarm` compiles nothing."""
+"""Laws without a controller file; each is imported when it is made, so that `import fuzzyarm` compiles nothing."""
 COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS  # their names
 
 
@@ -68,7 +68,7 @@ def foreign(name: str) -> str:
 
 
 def make_law(name: str, robot: AnyArm, control_period: float, *given: Any) -> Policy:
-    """Return a law of `LAWS` for an arm and T [s]; `given`: bandwidth or weights, then the adaptive one's fallback."""
+    """Return a law of `LAWS` for an arm and T [s]; `given`: bandwidth or weights, then the adaptive law's fallback."""
     made: Policy = pkgutil.resolve_name(f"fuzzyarm.fuzzy_policy.laws.{LAWS[name]}")(robot, control_period, *given)
     return made
 
@@ -114,7 +114,7 @@ PAPERS = ("paper-4", "paper-4-printed")
 """The paper's own law with four rules: Theorem 2 solved as printed, and the gains that the paper prints."""
 
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
-"""Policies trained with PPO, the median seed of each; ``policy.json`` records the training."""
+"""Policies trained with PPO, the median seed of each; ``policy.json`` records the training run."""
 
 POLICIES = Registry[_NamedPolicy](
     __name__,
@@ -129,23 +129,23 @@ POLICIES = Registry[_NamedPolicy](
         **{name: _NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
     },
 )
-"""All policies by name, without the ending `TIP`; `add_policy` adds one."""
+"""All policies by name, without the suffix `TIP`; `add_policy` adds a policy."""
 
 _VARIANTS = (*PAPERS, SMOOTH_OBSERVER)
 _TIPS = tuple(name for name, policy in POLICIES.items() if policy.has_tip and name not in _VARIANTS)
 NAMES = (*_TIPS, *(name + TIP for name in _TIPS), *(name for name in POLICIES if name not in (*_TIPS, *_VARIANTS)))
-"""Names of the policies that are compared in all results, those with the ending `TIP` included; left out are `PAPERS`
-and `SMOOTH_OBSERVER`, variants of others."""
+"""Names of the policies that are compared in all results, including those with the suffix `TIP`; `PAPERS` and
+`SMOOTH_OBSERVER`, variants of other policies, are left out."""
 
 COMPARED = (
     *("fuzzy-4", COMPUTED_TORQUE, "fuzzy-4-tip", "computed-torque-tip"),
     *(ELASTIC_OBSERVER, ADAPTIVE_OBSERVER, "learned-observer", "ppo-robust", "ppo-residual"),
 )
-"""What `fuzzyarm evaluate` runs by default. `ppo-nominal` is left out: it leaves the domain on conditions absent from
-its training."""
+"""The policies that `fuzzyarm evaluate` runs by default. `ppo-nominal` is left out: it leaves the domain in conditions
+that are absent from its training."""
 
 ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
-"""Policies that are compared on a robot other than the two-joint arm, if none are named."""
+"""Policies that are compared by default on a robot other than the two-joint arm."""
 
 
 def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
@@ -153,8 +153,8 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
 
     Args:
         name: a new name, which neither ends in `TIP` or ``.json`` nor contains a slash or a colon.
-        factory: called with the arm the policy is for and the control period [s].
-        has_tip: whether `TipPolicy` may wrap it, as the name with the ending `TIP`.
+        factory: function that is called with the policy's arm and the control period [s].
+        has_tip: whether `TipPolicy` may wrap the policy, under the name with the suffix `TIP`.
 
     Raises:
         ValueError: the name is taken, or names a file or code.
@@ -172,6 +172,6 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
 
 
 def known_names() -> tuple[str, ...]:
-    """Return all known names: `NAMES`, then those of `add_policy`."""
+    """Return all known names: `NAMES`, then those added by `add_policy`."""
     added = {name: policy for name, policy in POLICIES.items() if name not in NAMES}
     return (*NAMES, *added, *(name + TIP for name, policy in added.items() if policy.has_tip))

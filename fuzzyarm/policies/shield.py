@@ -1,4 +1,4 @@
-"""A guest in a shield, from the names of both, or from a guest of any kind."""
+"""Shielded policies: a guest of any kind within a margin around the torque of a law."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
     Args:
         law: a fixed law, or its name.
         guest: a policy's name, a policy, or any object with stable-baselines3's `predict` whose action is the torque
-            (n,) [N m] for an observation of ``FuzzyArm-v0``. The law acts where it raises, or returns no number.
+            (n,) [N m] for an observation of ``FuzzyArm-v0``. The law acts if the guest fails or returns no number.
         margin: δ, largest difference from the law's torque [N m].
 
     Raises:
-        ValueError: a name is unknown, the law is not a fixed one, or the margin is not positive for each joint.
+        ValueError: a name is unknown, the law is not a fixed law, or the margin is not positive for each joint.
         OSError: a file cannot be read.
 
     Examples:
@@ -49,7 +49,7 @@ def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
 def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unproven: bool) -> Policy | UserPolicy:
     """Return the policy that the name of a shield refers to, for T [s]; arguments and errors as for `load_policy`.
 
-    A model of another library was trained on ``FuzzyArmLearn-v0`` with this shield: u = u_f + δ a.
+    A guest from another library must have been trained on ``FuzzyArmLearn-v0`` with this shield: u = u_f + δ a.
     """
     assert spec.shield is not None
     _, margin = without_guest(spec.name)
@@ -73,7 +73,7 @@ def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unpro
 
 
 class _Beside:
-    """A law with a guest that keeps its state in a form of its own; the state holds the law's and the guest's."""
+    """A law with a guest of any kind; the state is the pair of the law's state and the guest's."""
 
     def __init__(self, alone: ShieldedPolicy, guest: UserPolicy) -> None:
         self._law, self._margin, self._guest = alone.law, np.array(alone.margin), guest
@@ -82,7 +82,7 @@ class _Beside:
     def predict(
         self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return the torque [N m] and the next state; the first failure of the guest is a RuntimeWarning."""
+        """Return the torque [N m] and the next state; the first failure of the guest gives a RuntimeWarning."""
         own, other = (None, None) if state is None else state
         torque, own = self._law.predict(observation, own, episode_start)
         try:

@@ -1,7 +1,7 @@
-"""The names of policies: what a name refers to, its label and files, and how the policy is loaded.
+"""The names of policies: the policy that a name refers to, its label and files, and how it is loaded.
 
     fuzzy-4, computed-torque, ppo-robust, ...      a policy known by name, see `registry`
-    fuzzy-4-tip, mine.json-tip                     the same law, leading the tip along the reference
+    fuzzy-4-tip, mine.json-tip                     the same law, which guides the tip along the reference
     mine.json                                      a controller file
     runs/mine                                      the folder of a learned policy
     my-arm/computed-torque, my-arm/fuzzy-4-tip     a policy of a folder that `fuzzyarm tune` wrote
@@ -11,9 +11,9 @@
 A name may come from a file, and files are not trusted: no name makes `resolve` or `load_policy` import or run code.
 Code runs only if the user has named it in this process, with ``resolve(name, run_code=True)``.
 
-Files of results record a path as it was given if it is relative, and by its last part if it is absolute, in a folder of
-`fuzzyarm tune` by its last two: ``computed-torque`` alone would be another policy. Together with the digests of its
-files, see `PolicySpec.files`, that identifies the policy without describing the machine.
+Files of results record a relative path as given, but only the last part of an absolute path, or its last two parts in a
+folder of `fuzzyarm tune`, since ``computed-torque`` alone would be another policy. Together with the digests of the
+policy's files, see `PolicySpec.files`, this name identifies the policy without describing the machine.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ __all__ = [
     "resolve_all", "without_guest",
 ]  # fmt: skip
 
-_SHIELD, ANY_GUEST = "shield:", "any"  # what a shield's name begins with; the guest that stands for every one
-_ROUTES = {ending: prefix for prefix, ending in FOREIGN.items()}  # what stands before the model of another library
+_SHIELD, ANY_GUEST = "shield:", "any"  # prefix of a shield's name; the guest that stands for every guest
+_ROUTES = {ending: prefix for prefix, ending in FOREIGN.items()}  # prefix for the model of another library
 
 
 class _Shield(NamedTuple):
@@ -59,24 +59,24 @@ class _Shield(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's name refers to; made by `resolve`, which does not check whether the policy exists."""
+    """The policy that a name refers to; made by `resolve`, which does not check whether the policy exists."""
 
-    name: str  # as it was given
+    name: str  # as given
     kind: Kind  # what the policy is made from
-    tip: bool = False  # whether its law is wrapped to lead the tip along the reference, see `registry.TIP`
-    # the controller file, the folder of the learned policy, or the law in a tuned folder, which is no file; None for
+    tip: bool = False  # whether its law is wrapped to guide the tip along the reference, see `registry.TIP`
+    # the controller file, the folder of the learned policy, or the law in a tuned folder, which is not a file; None for
     # other kinds
     path: Path | None = None
-    # whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's
+    # whether the policy is known by name, from the package or `registry.add_policy`; its path is then the package's
     named: bool = False
     run_code: bool = False  # whether the user's own code may be imported and run
-    tuned: bool = False  # whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given
+    tuned: bool = False  # whether the policy is in a folder of `fuzzyarm tune`; its default arm is that of the folder
     _factory: Factory | None = dataclasses.field(default=None, repr=False, compare=False)
     shield: _Shield | None = None  # the parts of a shield
 
     @property
     def code(self) -> str:
-        """The user's own code, ``package.module:factory``, that is the policy or its guest; empty if there is none."""
+        """The user's own code, ``package.module:factory``, of the policy or of its guest; empty without such code."""
         if self.shield is not None:
             return self.shield.guest.code
         return self.name if self.kind is Kind.CODE and not foreign(self.name) else ""
@@ -85,7 +85,7 @@ class PolicySpec:
     def label(self) -> str:
         """The label of the policy in tables and figures: its name, or that of its file without folder and ``.json``.
 
-        A policy of `fuzzyarm train` is named after the folder of its training, with ``-best`` for its best evaluation.
+        A policy of `fuzzyarm train` is named after the folder of its training run, with ``-best`` for the best policy.
         """
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, LAST
 
@@ -101,9 +101,9 @@ class PolicySpec:
         """Return the SHA-256, by file name, of the files the policy is made from.
 
         These are the controller file; the file of the laws of a tuned folder; ``policy.json`` of a learned policy,
-        which holds the digest of the weights, and the files of its base; the module of the user's code, which is
-        imported for it. A law of the package has no files, nor has a policy that does not exist. ValueError if
-        a learned policy is damaged, a module fails, or it may not be run; OSError if a file cannot be read.
+        which contains the digest of the weights, and the files of its base; the module of the user's code, which is
+        imported. A law of the package has no files, and neither has a policy that does not exist. ValueError if a
+        learned policy is damaged, or a module fails or may not be run; OSError if a file cannot be read.
         """
         path = self.path or Path()
         self._check()
@@ -202,11 +202,11 @@ class PolicySpec:
 
 
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
-    """Return the spec that a policy's name refers to, without loading it; every string refers to something.
+    """Return the spec for a policy's name, without loading the policy; every string gives a spec.
 
-    A name is a known one or a controller file (ending in ``.json``), each also with the ending ``-tip``; the folder of
-    a learned policy; or ``package.module:factory``. `run_code` says whether the spec may import and run the user's
-    code. Pass True only for a name that the user has typed, never for one that was read from a file.
+    A name is a known name or a controller file (``.json``), both also with the suffix ``-tip``; the folder of a learned
+    policy; or ``package.module:factory``. `run_code` states whether the spec may import and run the user's code; it
+    must be True only for a name that the user has typed, never for a name read from a file.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(f"a policy's name must be a string or a path, not {type(name).__name__}")
@@ -231,20 +231,20 @@ def _in_shield(name: str, run_code: bool) -> PolicySpec:
     law, _, rest = name.removeprefix(_SHIELD).partition(":")
     guest, _, margin = rest.rpartition(":")
     if not (law and guest and margin) or guest.startswith(_SHIELD):
-        return PolicySpec(name, Kind.LEARNED, path=Path(name))  # which is unknown
+        return PolicySpec(name, Kind.LEARNED, path=Path(name))  # an unknown name
     parts = _Shield(resolve(law), resolve(guest, run_code=run_code), margin)
     kind = Kind.CODE if parts.guest.kind is Kind.CODE else Kind.SHIELD
     return PolicySpec(name, kind, run_code=run_code, shield=parts)
 
 
 def any_guest(name: str) -> str:
-    """Return the name of a shield with every guest in place of its own; any other name as it is."""
+    """Return the name of a shield with its guest replaced by `ANY_GUEST`; any other name as it is."""
     shield = resolve(name).shield
     return name if shield is None else shield.named(shield.law.name, ANY_GUEST)
 
 
 def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the law in a shield and δ (n,) [N m]; any other policy is its own law, and δ is empty."""
+    """Return the name of the law in a shield, and δ (n,) [N m]; for any other policy its name, and an empty δ."""
     shield = resolve(name).shield
     if shield is None:
         return name, ()
@@ -274,7 +274,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
         if not name.isprintable():
             raise ValueError(f"policy {name!a}: its name contains characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
-    if len({label.replace(":", "-") for label in specs}) < len(names):  # as in names of files
+    if len({label.replace(":", "-") for label in specs}) < len(names):  # the names of files do the same
         raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
     return specs
 
@@ -288,21 +288,21 @@ def load_policy(
 ) -> Policy:
     """Return a policy by name, or from a controller, its file, or a learned policy's folder.
 
-    No name makes this function run code, because a name may come from a file, and files are not trusted.
+    This function never runs code that a name refers to, because a name may come from a file, and files are not trusted.
 
     Args:
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
-            A controller is proven again, as its file would be.
+            A controller is proven again, like a controller file.
         control_period: time between two calls of `predict` [s]. None: 1 ms, until the reference in the first
-            observations shows another, for which the policy is then made again; see `Policy.predict`.
-        robot: the arm the policy is for: parameters of the two-joint arm, a `Robot`, the name of a shipped one, a TOML
-            file, or a folder of `fuzzyarm tune`. A controller file must have been designed for it, and a learned policy
-            trained for it. Default: what a controller was designed for, the folder that holds a tuned policy, otherwise
-            Table 1.
+            observations shows another period, for which the policy is then made again; see `Policy.predict`.
+        robot: the arm of the policy: parameters of the two-joint arm, a `Robot`, the name of a shipped robot, a TOML
+            file, or a folder of `fuzzyarm tune`. A controller file must have been designed for this arm, and a learned
+            policy trained for it. Default: the arm of the controller's design, that of the folder of a tuned policy,
+            otherwise Table 1.
         allow_unproven: accept a controller whose inequalities are not all proven, for experiments.
 
     Raises:
-        ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot.
+        ValueError: the name is unknown, or the file or folder is damaged, not proven or for another robot.
         OSError: the file cannot be read.
 
     Examples:
@@ -320,12 +320,12 @@ def load_policy(
         from fuzzyarm.policies._controller_policy import controller_policy
 
         return controller_policy(name, robot, control_period, allow_unproven)
-    # A spec of code that may not be run raises, so what is returned is no `UserPolicy`.
+    # A spec of code that may not be run raises, so the result is never a `UserPolicy`.
     return resolve(name).load(control_period, robot, allow_unproven)  # type: ignore[return-value]
 
 
 def _is_code(name: str) -> bool:
-    """Return whether a name is that of a foreign model, or ``package.module:factory`` and not the name of a file."""
+    """Return whether a name refers to a foreign model, or is ``package.module:factory`` and not the name of a file."""
     if foreign(name):
         return True
     module, _, factory = name.partition(":")
@@ -334,7 +334,7 @@ def _is_code(name: str) -> bool:
 
 
 def file_digest(file: Path) -> str:
-    """Return the SHA-256 of a text file, with line ends of any system counted as line feeds."""
+    """Return the SHA-256 of a text file, with the line ends of every system replaced by line feeds."""
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
@@ -357,8 +357,8 @@ def found_again(
 ) -> tuple[str, ...]:
     """Return recorded names of policies, changed so that each can be loaded here.
 
-    A file or folder is looked for among the names `given` by the user, then at the recorded path from the current
-    folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
+    The search for a file or folder covers the names `given` by the user, then the recorded path from the current
+    folder, then the folder `folder` of the results. `files` are the files of each policy by label, see
     `PolicySpec.files`. ValueError if a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}
@@ -370,7 +370,7 @@ def found_again(
         elif not (spec.named or spec.path is None or spec.path.exists()):
             if beside.path is not None and beside.path.exists():
                 name = beside.name
-            # The file of every learned policy is policy.json; loading a law without files says that it is unknown.
+            # The file of every learned policy is policy.json; loading a law without files reports an unknown name.
             elif {spec.path.name, "policy.json"} & set(files.get(spec.label, ())):
                 raise ValueError(
                     f"policy {name} is neither in the current folder nor beside the results in {folder}: put it there, "

@@ -1,8 +1,8 @@
-"""The division of a set that is too large for one tube into cells, each with its own tube, on several cores.
+"""The division of a set that is too large for one tube into cells, each with its own tube, on several CPU cores.
 
 Every plant of the set lies in one of the cells, so the largest of their bounds holds for the whole set. The factors of
-both joints are independent, so each joint's range is divided. A cell without a tube is halved where it is widest, as a
-share of the whole range, until its parts have one.
+the two joints are independent, so each joint's range is divided. A cell without a tube is halved in its widest range,
+relative to the whole range, until its parts have tubes.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet
 
 __all__ = ["bounds_of_cells", "cells"]
 
-_Division = tuple[str, int]  # a name of `_DIVISIBLE`, and into how many equal parts its range is divided
+_Division = tuple[str, int]  # a name of `_DIVISIBLE`, and the number of equal parts into which its range is divided
 
 _DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
     **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
 }
-"""The ranges that a name divides: that of a field, those of both joints, or that of one joint alone (mass-2)."""
+"""The ranges that a name divides: the range of a field, those of both joints, or that of one joint (mass-2)."""
 
 
 def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet]:
-    """Yield the cells of a set: the products of the parts of its divided ranges, which touch."""
+    """Yield the cells of a set: the products of the adjoining parts of its divided ranges."""
     distinct("cells", [name for name, _ in divisions])
     axes: list[list[tuple[Axis, tuple[float, float]]]] = []
     for name, parts in divisions:
@@ -57,10 +57,10 @@ def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet
 def bounds_of_cells(
     claim: TipClaim, divisions: Sequence[_Division], jobs: int, out: Path | None = None
 ) -> Iterator[list[CellBound]]:
-    """Yield the bounds of each cell of the claim's set, or of the parts of the cell, computed in `jobs` processes.
+    """Yield, for each cell of the claim's set, its bound or those of its parts, computed in `jobs` processes.
 
-    With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``. `NoBound` if
-    a cell has no bound; the message says which.
+    With `out`, each bound is written to a file in its folder: ``NAME-001.json`` and so on for ``NAME.json``. `NoBound`
+    if a cell has no bound; the message names the cell.
     """
     tasks = [dataclasses.replace(claim, plants=cell, set_name="cell") for cell in cells(claim.plants, divisions)]
     names = [name for name, _ in divisions]
@@ -80,9 +80,9 @@ def bounds_of_cells(
 
 
 def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
-    """Yield the bound of the cell that is the claim's set, or of its parts after up to `halvings` halvings.
+    """Yield the bound for the claim's set, which is a cell, or for its parts after up to `halvings` halvings.
 
-    `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.
+    `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part still has no bound then.
     """
     try:
         yield find_bound(claim)
@@ -99,7 +99,7 @@ def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], hal
 
 
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
-    """Return the range in which a cell is widest, relative to the whole range; None if it has no width."""
+    """Return the range in which a cell is widest, relative to the whole range; None if no range has a width."""
 
     def width(of: PlantSet, axis: Axis) -> float:
         low, high = of.of_joint(*axis)

@@ -1,11 +1,11 @@
 """The folder that `fuzzyarm tune` writes: an arm, its controller files, and the parameters of its other laws.
 
-    robot.toml      the arm, as `--robot` takes it
+    robot.toml      the arm, in the format for `--robot`
     fuzzy-4.json    a controller file
     laws.json       the numbers of the laws and the names of the policies (`TunedLaws`)
 
-``folder/fuzzy-4-tip``, ``folder/computed-torque`` and so on are names of policies, and the folder itself names the arm
-wherever a robot can be given. The file of the laws belongs to the arm: a folder whose arm was changed is refused.
+``folder/fuzzy-4-tip``, ``folder/computed-torque`` and so on are names of policies, and the folder is also accepted as a
+robot. The file of the laws is valid only for its arm: a folder with a changed arm is refused.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "tuned_policy"]
 
-SCHEMA = "fuzzyarm-tuned/1"  # of the file of the laws
+SCHEMA = "fuzzyarm-tuned/1"  # schema of the file of the laws
 NAME = "laws.json"  # the file of the laws in the folder
 
 
@@ -34,13 +34,13 @@ class TunedLaws:
     """The checked content of the file `NAME`."""
 
     schema: str  # `SCHEMA`
-    arm_sha256: str  # digest of the arm that the laws were tuned for, `Robot.digest`
+    arm_sha256: str  # digest of the arm for which the laws were tuned, `Robot.digest`
     control_period: float  # T [s] of all policies
-    policies: tuple[str, ...]  # those of the folder, by name without the folder
-    bandwidth: float | None = None  # ω of computed torque [rad/s]; None without it
-    observer: dict[str, float] | None = None  # weights of the elastic observer, by name; None without it
-    adaptive: dict[str, float] | None = None  # weights of the adaptive observer, by name; None without it
-    # versions of what made the folder, by name
+    policies: tuple[str, ...]  # names of the policies in the folder, without the folder
+    bandwidth: float | None = None  # ω of computed torque [rad/s]; None without this law
+    observer: dict[str, float] | None = None  # weights of the elastic observer, by name; None without this law
+    adaptive: dict[str, float] | None = None  # weights of the adaptive observer, by name; None without this law
+    # versions of the packages that made the folder, by name
     made_with: dict[str, str | None] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -77,7 +77,7 @@ class TunedLaws:
         return laws
 
     def numbers(self) -> dict[str, Any]:
-        """Return the bandwidth or weights of each law, or None; ValueError if a weight is unknown or out of range."""
+        """Return each law's bandwidth or weights, None without the law; ValueError if a weight is wrong."""
         from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
         from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
@@ -96,7 +96,7 @@ class TunedLaws:
 
 def is_tuned(folder: Path) -> bool:
     """Return whether a folder has the file of the laws."""
-    return os.path.isfile(folder / NAME)  # unlike `Path.is_file`, False for names that no system can hold
+    return os.path.isfile(folder / NAME)  # unlike `Path.is_file`, False for names that are impossible in a file system
 
 
 def policies_of(robot: object) -> tuple[str, ...] | None:

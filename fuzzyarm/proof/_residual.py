@@ -1,20 +1,20 @@
 """The feedforward residual of the consistent form along a reference, bounded at every instant.
 
-The feedforward holds dropped premises at the middle of their range. Its residual is ρ = Σ f_i r_i S_i y_i with
-|f_i| <= 1, r_i half the range of premise i, S_i its slope, and y_i = (q_d, q̇_d) for a premise of A, (q̇_d, q̈_d) for one
-of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
+The feedforward sets dropped premises to the middle of their ranges. Its residual is ρ = Σ f_i r_i S_i y_i with
+|f_i| <= 1, r_i half the range of premise i, S_i its slope, and y_i = (q_d, q̇_d) for a premise of A, (q̇_d, q̈_d) for a
+premise of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
 
     |ρ_j(t)| <= ρ̄_j(t) = Σ_i |g_ij(t)|,      g_ij(t) = w_ij · y_i(t).
 
-The largest ρ̄_j of all instants is bounded in ball arithmetic (`arb` of FLINT), which encloses every rounding error. On
-an interval I of time with the midpoint m, by the mean value theorem,
+The largest ρ̄_j over all instants is bounded in ball arithmetic (FLINT's `arb`), which encloses every rounding error. On
+an interval I of time with midpoint m, by the mean value theorem,
 
     g_ij(I) ⊂ g_ij(m) + g'_ij(I) (I - m).
 
-The derivatives of q_d are the coefficients of its power series (`arb_series`): of the time law, then of the path, then
-of the inverse kinematics, about m and about the ball I. The excess of the bound falls with the square of the length of
-I, so the intervals with the largest bounds are halved until these are close to values that are attained. If that takes
-too long, the bound at that time is looser, but as valid.
+The derivatives of q_d are the coefficients of its power series (`arb_series`) about m and about the ball I, composed of
+the time law, the path and the inverse kinematics. The excess of the bound falls with the square of the length of I, so
+the intervals with the largest bounds are halved until these bounds are close to attained values. If that takes too
+long, the search ends with a looser but equally valid bound.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from fuzzyarm.proof.definiteness import exact, rational
 __all__ = ["Residual", "feedforward_residual", "largest_motion"]
 
 _ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
-_TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
-_FIRST, MOST_HALVED = 32, 2000  # intervals to begin with, and the most that are halved
-_SHORTEST_HALF = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
+_TOLERANCE = 1e-4  # relative distance from an attained value at which a bound is close enough
+_FIRST, MOST_HALVED = 32, 2000  # number of intervals at the beginning; largest number of halvings
+_SHORTEST_HALF = 2.0**-40  # half the length below which an interval is not halved again: its ends are still exact
 
 
 class Residual(NamedTuple):
     """The largest feedforward residual along a reference, for any state in the box."""
 
     sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
-    bound: np.ndarray | None  # of ρ̄ at every instant, (2,) [N m]; None where none was found
+    bound: np.ndarray | None  # bound on ρ̄ at every instant, (2,) [N m]; None if no bound was found
 
     @property
     def statement(self) -> str:
@@ -62,7 +62,7 @@ class Residual(NamedTuple):
 
 
 def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
-    """Return the residual of a model along a circle, sampled in floating point and bounded; see the module's text."""
+    """Return the residual of a model along a circle, sampled in floating point and bounded; see the module."""
     motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
     x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
     total = np.zeros((len(x_r), JOINTS))
@@ -78,9 +78,9 @@ def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
 
 
 def largest_motion(reference: JointReference) -> np.ndarray | None:
-    """Return bounds (4,) of |q_d| [rad] and |q̇_d| [rad/s] along a circle at every instant; None where none is found.
+    """Return bounds (4,) on |q_d| [rad] and |q̇_d| [rad/s] along a circle at every instant; None if none are found.
 
-    They are the search for the residual with one signal a joint, g = q_d or g = q̇_d.
+    The search is that for the residual, with one signal per joint: g = q_d or g = q̇_d.
     """
     motion, unit = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS)), np.eye(2 * JOINTS)
     bounds = [
@@ -91,15 +91,15 @@ def largest_motion(reference: JointReference) -> np.ndarray | None:
 
 
 class _Bound:
-    """The search over intervals of x = t/T in [0, 1], whose ends are dyadic and so exact."""
+    """The search over intervals of x = t/T in [0, 1]; the ends of intervals are dyadic numbers, and so exact."""
 
     def __init__(self, rows: list[tuple[int, list[list[arb]]]], reference: JointReference, sampled: np.ndarray) -> None:
-        self.reference, self.rows = reference, rows  # rows: of each y, its order and w_ij of both joints
+        self.reference, self.rows = reference, rows  # rows: for each y, its order and w_ij of both joints
         self.duration = arb(float(reference.duration))
-        self.attained = [arb(value) for value in sampled.tolist()]  # only says when to stop
+        self.attained = [arb(value) for value in sampled.tolist()]  # only decides when to stop
 
     def largest(self) -> np.ndarray:
-        """Return a bound (2,) [N m] of ρ̄ at all instants, inf where none was found."""
+        """Return a bound (2,) [N m] on ρ̄ at all instants; inf if no bound was found."""
         size = 1.0 / _FIRST
         heap = [self._entry((k + 0.5) * size, 0.5 * size) for k in range(_FIRST)]
         heapq.heapify(heap)
@@ -112,7 +112,7 @@ class _Bound:
         return np.asarray(np.max([bound for *_, bound in heap], axis=0))
 
     def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
-        """Return an interval and the bounds on it, led by -(the largest bound, relative to an attained value)."""
+        """Return -(largest bound relative to an attained value), then middle, half and bounds of the interval."""
         try:
             start, ball = self._motion(_time_law(middle, 0.0)), self._motion(_time_law(middle, half))
         except (ValueError, ZeroDivisionError):  # the motion cannot be enclosed
@@ -124,7 +124,7 @@ class _Bound:
         return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
-        """Return ρ̄_j at the midpoint, and its bound on the interval; motions as `_motion` returns them."""
+        """Return ρ̄_j at the midpoint, and its bound on the interval, for two results of `_motion`."""
         value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
         for order, rows in self.rows:
             # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints
@@ -137,7 +137,7 @@ class _Bound:
         return value, bound
 
     def _motion(self, s: arb_series) -> list[list[arb]]:
-        """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x."""
+        """Return the derivatives 0 to 3 of (q_1, q_2) with respect to time, for s as a series in x."""
         path: Any = self.reference.path  # a `Circle`
         psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
         away = arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin()
@@ -164,7 +164,7 @@ def _time_law(middle: float, half: float) -> arb_series:
 
 
 def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_sign: int) -> list[arb_series]:
-    """Return q_1 and q_2, as `reference.joint_angles`; nan or ZeroDivisionError where the balls are too wide for it."""
+    """Return q_1 and q_2, like `reference.joint_angles`; nan or ZeroDivisionError if the balls are too wide."""
     (x, y), (l1, l2) = point, map(arb, length)
     r2 = x * x + y * y
     outer, inner = (l1 + l2) ** 2 - r2, r2 - (l1 - l2) ** 2
@@ -172,7 +172,7 @@ def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_si
     cos2, sin2 = (r2 - l1**2 - l2**2) / (2 * l1 * l2), elbow_sign * (outer * inner).sqrt() / (2 * l1 * l2)
     x0, y0 = l1 + l2 * cos2, l2 * sin2
     across, along = y * x0 - x * y0, x * x0 + y * y0
-    # q1 is the angle of (along, across); turned by its middle it is far from the cut of atan.
+    # q1 is the angle of (along, across); rotated by the middle of q1, it is far from the branch cut of atan.
     turn = math.atan2(float(across[0].mid()), float(along[0].mid()))
     cos, sin = arb(turn).cos(), arb(turn).sin()
     across, along = across * cos - along * sin, along * cos + across * sin
@@ -183,7 +183,7 @@ def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_si
 
 
 def _rounded_up(value: arb) -> float:
-    """Return a float that is not below a ball; inf for nan."""
+    """Return a float that no number of a ball exceeds; inf for nan."""
     if value.is_zero():
         return 0.0
     if not value.is_finite():

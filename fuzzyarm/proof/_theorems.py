@@ -1,4 +1,4 @@
-"""The matrix inequalities of a controller, for floats, exact rationals and the expressions of cvxpy (`block_matrix`).
+"""The matrix inequalities of a controller, for floats, exact rationals and cvxpy expressions (`block_matrix`).
 
 Theorem 1: the matrix Ξ_ijk of (15), for the tracking error and the reference model together.
 
@@ -41,14 +41,14 @@ S_33* = S_33 + τ_a H_aᵀH_a + τ_e H_eᵀH_e, and
 If Ψ_iik < 0 and Ψ_ijk + Ψ_jik < 0 for i < j and all k, then the dissipation inequality of Theorem 1 holds for all
 Δ with ΔᵀΔ <= I. With y = P*⁻¹ x*, Ψ_2 maps (y, w, ·) to W_a x_p and -W_e ẋ_p: the two signals the uncertainty acts on.
 
-The paper prints T_32 with -Q_12; both terms of S_32 that carry E_k have a minus sign, and so does ΔE here. The rows
-T_21 and T_26 of ΔB are left out: the torques of this arm enter with certainty, B_p is constant. With the
-integral H and W act on e and leave x_I alone. `data.uncertainties` has one term for A and one for E as printed, or
-one term for each dropped premise: every term is a row of Ψ_2 with its own multiplier.
+The paper prints T_32 with -Q_12; both terms of S_32 that contain E_k have a minus sign, and so has ΔE here. The rows
+T_21 and T_26 of ΔB are left out, because B_p is constant: the torques of this arm enter without uncertainty. With the
+integral, H and W act on e but not on x_I. `data.uncertainties` has one term for A and one for E as printed, or one term
+for each dropped premise; each term is a row of Ψ_2 with its own multiplier.
 
 Consistent-reference form: the matrix Ψ_ijk of Theorem 2 without the reference model (`error_psi`).
 
-With x_r ≡ (q_d, q̇_d) and the feedforward L of `controller`, what remains of (9) is, for ē = (e, x_I), ẋ_I = C_p e,
+With x_r ≡ (q_d, q̇_d) and the feedforward L of `controller`, (9) becomes, for ē = (e, x_I), ẋ_I = C_p e,
 
     Ē_v ē' = (Ā_h + ΔĀ) ē + B̄ K̄ ē + B̄ d,      Ē_v = diag(E_pv + ΔE, I),    Ā_h = [[A_ph, 0], [C_p, 0]],
 
@@ -62,18 +62,18 @@ and V = ēᵀ P⁻¹ ē obeys V' + zᵀz - γ² dᵀd + 2αV < 0, z = C ē the p
             | W_l P  or  -W_l Q_ij               0  or  -W_l X_ij                0      0    -τ_l I|
 
 with one row block and one multiplier τ_l for each dropped premise (on A, or on E). K_jk = M_jk P⁻¹. Without
-the integral ē = e. The paper has one multiplier for all uncertainties of A and one for E; one each is less
-conservative. Bars are left out in Ψ.
+the integral ē = e. The paper has one multiplier for all uncertainties of A and one for E; one multiplier for each
+dropped premise is less conservative. Ψ is written without bars.
 
-*Fastest pole.* Run backwards the error obeys Ē dē/d(-t) = -(Ā + B̄ K̄) ē, so V falls no faster than exp(-2βt),
-V' + 2βV > 0 where d = 0, if the inequality of a decay rate of -β holds for -A and -B, with the same P and M_jk and
-slack of its own (`error_phi`): Φ_iik < 0 and Φ_ijk + Φ_jik < 0 for i < j, where
+*Fastest pole.* Backwards in time, the error obeys Ē dē/d(-t) = -(Ā + B̄ K̄) ē. So V falls no faster than exp(-2βt), that
+is V' + 2βV > 0 for d = 0, if the inequality for a decay rate of -β holds for -A and -B, with the same P and M_jk and
+separate slack variables (`error_phi`): Φ_iik < 0 and Φ_ijk + Φ_jik < 0 for i < j, where
 
             | He(Q_ij - βP)                        ⋆                               ⋆    |   ē
     Φ_ijk = | -A_i P - B M_jk - E_k Q_ij + X_ijᵀ  -He(E_k X_ij) + Σ τ_l H_lᵀH_l   ⋆    |   ē' backwards
             | W_l P  or  -W_l Q_ij                 0  or  -W_l X_ij               -τ_l I|
 
-At a frozen state -2βV < V' < -2αV puts the real part of every pole between -β and -α.
+At a frozen state, -2βV < V' < -2αV implies that the real part of every pole lies between -β and -α.
 """
 
 from __future__ import annotations
@@ -108,12 +108,12 @@ def tracking_psi(
     tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ²; Ξ_ijk of a model without uncertainty.
+    """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ²; without uncertainty it is Ξ_ijk.
 
-    n_e = 4 or, with the integral, 6; n = n_e + 4. Vertices i of A and k of E count from 0; α is in 1/s, z has the
-    factor `output`. P = diag(P_11, P_22) is (n, n), of which the two diagonal blocks are read, M_jk (2, n_e), L_jk (2,
-    6), Q_ij and X_ij (n, n), τ (..., m) has an entry for each of `data.uncertainties`, and `put` makes a matrix of the
-    block rows. With arrays of i and k the result is a stack: M, L, Q, X and τ are stacks then, and P is one matrix.
+    n_e = 4 or, with the integral, 6; n = n_e + 4. Vertices i of A and k of E count from 0; α is in 1/s; z is multiplied
+    by `output`. P = diag(P_11, P_22) is (n, n), and only its diagonal blocks are used; M_jk is (2, n_e), L_jk (2, 6),
+    Q_ij and X_ij (n, n), and τ (..., m) has an entry for each of `data.uncertainties`. `put` assembles a matrix from
+    block rows. For arrays of i and k the result is a stack; M, L, Q, X and τ must then be stacks, and P one matrix.
     """
     E, A, B, A_r, B_r = data.error_E(k), data.error_A(i), data.error_rows(data.B), data.A_r, data.B_r
     A_minus_E_A_r = data.error_rows(np.asarray(data.A)[i] - np.asarray(data.E)[k] @ A_r)
@@ -198,9 +198,9 @@ def error_phi(
     tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ, for the bound β [1/s] of the decay rate from above.
+    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ, for the upper bound β [1/s] on the decay rate.
 
-    P (n, n) and M are those of Ψ; Q, X and τ are not. The other arguments are as for `error_psi`.
+    P (n, n) and M are those of Ψ, but Q, X and τ belong to Φ alone. The other arguments are as for `error_psi`.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
     corner, below = _error_uncertainty(data, tau, P, Q, X, [])
@@ -222,7 +222,7 @@ def _error_uncertainty(
 def _with_uncertainty(
     data: Vertices, tau: Any, corner: Any, uncertain: Callable[[Uncertainty], list[Any]]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return `corner` + Σ τ_l H_lᵀH_l and the row of each dropped premise, of which `uncertain` gives the beginning."""
+    """Return `corner` + Σ τ_l H_lᵀH_l and the row of each dropped premise; `uncertain` returns its first blocks."""
     rows = list[list[Any]]()
     scales = (tau[..., position] for position in range(tau.shape[-1]))
     for scale, term in zip(scales, data.uncertainties, strict=True):

@@ -1,8 +1,8 @@
 """Symmetric block matrices in the paper's notation: the lower triangle, with 0 and ⋆ for the rest.
 
 The inequalities are written for matrices (r, c) or stacks of matrices (..., r, c), of floats or of exact rationals.
-Another kind of entry registers its own `transposed` and `times`, as `synthesis._expressions` does for cvxpy. Zeros and
-identities are integers, so that exact entries are never mixed with floats.
+Other kinds of entries must register their own `transposed` and `times`, as `synthesis._expressions` does for cvxpy.
+Zeros and identities are integers, so that exact entries are never mixed with floats.
 """
 
 from __future__ import annotations

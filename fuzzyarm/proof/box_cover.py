@@ -8,22 +8,22 @@ q, sin q, cos 2q and sin 2q, and q = m + t with |t| <= h < π/2. With
 
 f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ_i a^(4-i) b^i with κ = (1, 4 cos h,
 2 + 4 cos² h, 4 cos h, 1). As a and b are not negative, f(q) = Σ_i f_i (κ_i a^(4-i) b^i) is a mean of the control values
-f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
+f_i. Applied to each angle in turn, this gives 5^d control matrices for a matrix of d angles: if all of these are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-*Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
-the hundred, in floating point with a bound of every rounding error:
+*Cover.* The box is cut into smaller boxes until all control matrices of each box are positive definite. Hundreds of
+boxes are treated at a time, in floating point with a bound on every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
   the coefficients' magnitudes for each entry;
 - Cholesky's factorisation of A - δI in floating point ends with real roots only if A - δI + ΔA is positive semidefinite
-  for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a larger δ proves A.
+  for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a δ above this bound proves A > 0.
 
-Sines and cosines of the mathematical library are taken to be right to `_LIBRARY` units in the last place, which is the
-one assumption; `proven_in_balls` proves the same boxes again in balls, without any about floating point. The
-coefficients are exact, sines and cosines are balls with outward rounding (`arb` of FLINT), and each control matrix is
-proven positive definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`, where T is any matrix; it comes from a
-Cholesky factor in floating point.
+The only assumption is that sines and cosines of the mathematical library are accurate to `_LIBRARY` units in the last
+place. `proven_in_balls` proves the same boxes again in balls, without an assumption about floating point: coefficients
+are exact, sines and cosines are balls with outward rounding (FLINT's `arb`), and each control matrix is proven positive
+definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`. T may be any matrix; it is computed from a Cholesky
+factor in floating point.
 """
 
 from __future__ import annotations
@@ -72,20 +72,20 @@ class TrigMatrix:
             c, s = np.cos(q[..., k]).ravel(), np.sin(q[..., k]).ravel()
             functions = np.stack([np.ones_like(c), c, s, c * c - s * s, 2.0 * c * s], axis=-1)
             rows = values.reshape(len(values), BASIS, -1)
-            # The first angle is the same matrix for all: it is not copied for each of them.
+            # The coefficients are the same for all points before the first angle, so they are not copied.
             values = functions @ rows[0] if k == 0 else (functions[:, np.newaxis] @ rows)[:, 0]
         shape = (*q.shape[:-1], self.coefficients.shape[-1])
         return _unpacked(values.reshape(shape) if self.angles else np.broadcast_to(values[0], shape), self.size)
 
     def derivative(self, angle: int) -> TrigMatrix:
-        """Return the derivative by one angle."""
+        """Return the derivative with respect to one angle."""
         source = np.moveaxis(self.exact, angle, 0)
         # cos q, sin q, cos 2q, sin 2q become -sin q, cos q, -2 sin 2q, 2 cos 2q.
         result = np.stack([0 * source[0], source[2], -source[1], 2 * source[4], -2 * source[3]])
         return TrigMatrix(np.moveaxis(result, 0, angle))
 
     def needed(self) -> tuple[TrigMatrix, list[int]]:
-        """Return the matrix as one of the angles on which it depends, and their numbers."""
+        """Return the matrix as a function of only the angles on which it depends, and the indices of these angles."""
         needed = [k for k in range(self.angles) if np.moveaxis(self.exact, k, 0)[1:].any()]
         return TrigMatrix(self.exact[tuple(slice(None) if k in needed else 0 for k in range(self.angles))]), needed
 
@@ -97,7 +97,7 @@ def _packed(matrices: np.ndarray) -> np.ndarray:
 
 
 def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
-    """Return the symmetric matrices (..., s, s) whose lower triangles hold the given numbers, see `_packed`."""
+    """Return the symmetric matrices (..., s, s) with the given lower triangles; see `_packed`."""
     result = np.empty((*triangles.shape[:-1], size, size), dtype=triangles.dtype)
     row, column = np.tril_indices(size)
     result[..., row, column] = result[..., column, row] = triangles
@@ -107,10 +107,10 @@ def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
 def _control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
     """Return the matrix (5, 5) from the coefficients of one angle to its control values, as nested lists.
 
-    Cosine and sine are of the interval's middle m and half width h > 0 [rad]: arrays of many boxes, or balls.
+    The arguments are cosines and sines of the interval's middle m and half width h > 0 [rad], as arrays or balls.
     """
     c, s = cos_h, sin_h
-    # Control values of cos t, sin t, cos 2t, sin 2t: their coefficients of a⁴, a³b, a²b², ab³, b⁴ over κ.
+    # Control values of cos t, sin t, cos 2t, sin 2t: their coefficients of a⁴, a³b, a²b², ab³, b⁴, divided by κ.
     edge, middle, one = (c + 1 / c) / 2, 3 / (1 + 2 * c * c), c * 0 + 1
     cos_t, sin_t = [c, edge, c * middle, edge, c], [-s, -s / 2, 0 * s, s / 2, s]
     outer = 2 * c * c - 1
@@ -132,30 +132,30 @@ _MOST_BOXES = 400_000  # boxes after which a proof is given up
 _CHUNK = 256  # boxes at a time
 _UNIT = 2.0**-53
 _LIBRARY = 4
-_WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
+_WIDENING = 2.0**-44  # rad, more than the rounding errors of an interval's middle and half width up to 100 rad
 
 
 def _first_boxes(ranges: np.ndarray) -> np.ndarray:
-    """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `_WIDEST`."""
+    """Return boxes (B, d, 2) that together fill the box `ranges` (d, 2), each at most 2 `_WIDEST` wide."""
     spans = []
     for low, high in ranges[::-1]:
         ends = np.linspace(low, high, max(1, int(np.ceil((high - low) / (1.9 * _WIDEST)))) + 1)
-        ends[0], ends[-1] = low, high  # the box itself, whatever linspace rounds
+        ends[0], ends[-1] = low, high  # the exact ends, despite the rounding of linspace
         spans.append([*itertools.pairwise(ends)])
     boxes = [*itertools.product(*spans)]
     return np.array(boxes).reshape(len(boxes), len(ranges), 2)[:, ::-1]
 
 
 def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> tuple[np.ndarray, np.ndarray | None]:
-    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes.
+    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, with at most `most` boxes.
 
-    Returns the proven boxes (B, d, 2), lowest and highest angle [rad], and angles (d,) where the proof fails, or None.
+    Return the proven boxes (B, d, 2), lowest and highest angle [rad], and angles (d,) where the proof fails, or None.
     """
     center = ranges.mean(axis=1)
     diagonal = np.diagonal(matrix.at(center))
     if not (np.isfinite(diagonal).all() and (diagonal > 0.0).all()):
         return np.empty((0, len(ranges), 2)), center
-    task = _Task(matrix, 2.0 ** -np.round(0.5 * np.log2(diagonal)))  # powers of two bring it near one there
+    task = _Task(matrix, 2.0 ** -np.round(0.5 * np.log2(diagonal)))  # powers of two, for a diagonal near one
     waiting, done, tried = [_first_boxes(ranges)], [], 0
     while waiting:
         boxes = waiting.pop()
@@ -177,12 +177,12 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> tu
 
 
 class _Task:
-    """A scaled matrix: coefficients (5, ..., 5, t), shift of its diagonal, and how much each angle bends it (d,)."""
+    """A scaled matrix: coefficients (5, ..., 5, t), shift of the diagonal, and curvature for each angle (d,)."""
 
     def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
         self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles
         self.coefficients = matrix.coefficients * self.scale
-        # No value, control value or sum on the way exceeds a few of Σ |coefficient|.
+        # No value, control value or intermediate sum exceeds a few times Σ |coefficient|.
         magnitude = np.abs(matrix.coefficients).sum(axis=tuple(range(d))) * self.scale
         self.weight = np.empty(d)
         for k in range(d):
@@ -200,7 +200,7 @@ class _Task:
         weights = np.array(_control_weights(np.cos(middle), np.sin(middle), np.cos(half), np.sin(half)))
         values = np.broadcast_to(self.coefficients, (count, *self.coefficients.shape))
         for k in range(d):
-            # The angle in front is summed over, and its control values go to the back.
+            # The first axis is that of an angle; it is summed over, and its control values become the last axis.
             rows = values.reshape(count, BASIS, -1)
             values = np.swapaxes(rows, 1, 2) @ np.moveaxis(weights[..., k], (0, 1, 2), (2, 1, 0))
             values = values.reshape(count, -1)
@@ -209,7 +209,7 @@ class _Task:
 
 
 def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return both halves of each box, cut across the angle that bends the matrix most."""
+    """Return both halves of each box, cut across the angle along which the matrix curves most."""
     width = boxes[..., 1] - boxes[..., 0]
     axis = np.argmax(weight * width * width, axis=1)
     every = np.arange(len(boxes))
@@ -221,7 +221,7 @@ def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
-    """Return whether Cholesky's factorisation of every A - shift I ends, for packed A (B, m, t), (B,)."""
+    """Return whether Cholesky's factorisation of every A - shift I succeeds, (B,), for packed A (B, m, t)."""
     good, factor = np.ones(matrices.shape[:2], dtype=np.bool_), np.empty((size, size, *matrices.shape[:2]))
     for i in range(size):
         for j in range(i + 1):
@@ -250,7 +250,7 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
         middle, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
         weights = arb_mat(_control_weights(middle.cos(), middle.sin(), half.cos(), half.sin()))
         product = weights * arb_mat(BASIS, len(values) // BASIS, values)
-        # The angle in front has become control values; they go to the back.
+        # The first axis has become control values; it becomes the last axis.
         values = [row for column in zip(*product.tolist(), strict=True) for row in column]
     triangle = matrix.size * (matrix.size + 1) // 2
     count = BASIS**matrix.angles

@@ -37,8 +37,8 @@ class Claim:
 
     name: str  # the inequality, as in "Psi_1,2,1 + Psi_2,1,1 < 0"
     proven: bool  # whether it is proven in exact arithmetic
-    # smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in floating point. It
-    # tells how far the inequality is from failing and is no part of the proof.
+    # smallest eigenvalue of the matrix that must be positive definite, scaled to unit diagonal, in floating point. It
+    # shows how far the inequality is from failing and is not a part of the proof.
     proof_margin: float
 
     @classmethod
@@ -66,15 +66,15 @@ class Certificate:
 
 
 PROVEN: set[str] = set()
-"""Digests, which cover every number, of the controllers that this process has proven."""
+"""Digests of the controllers that this process has proven; a digest depends on every number."""
 
 
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
     """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
 
-    Those are Ψ of its theorem and, for a bound of the fastest pole, Φ (`theorems`).
+    The inequalities are Ψ of its theorem and, with a bound on the fastest pole, Φ (`_theorems`).
     The vertices are computed from the robot parameters; all arithmetic is exact and rational (`exact`). α, γ and the
-    bound of the fastest pole are the decimal numbers that are printed (`stated`), every other float is what it is.
+    bound on the fastest pole have the printed decimal values (`stated`), every other float its exact binary value.
     `progress` is called after each inequality.
     """
     given = instance("controller", controller, Controller)
@@ -125,7 +125,7 @@ def _inequality_name(letter: str, i: int, j: int, k: int) -> str:
 def controller_statement(controller: Controller) -> str:
     """Return a statement of what the certificate proves and what it does not, with the numbers of this controller."""
     p, model = controller.model.parameters, controller.model
-    # A smaller box, decay rate or strip than proven is proven as well, and so is a larger gain.
+    # The proof also covers a smaller box, a smaller decay rate, a wider strip of poles and a larger gain.
     angles, speeds = (", ".join(at_least(x, 6) for x in limit) for limit in (p.joint_limit, p.velocity_limit))
     alpha, gamma, strip = at_least(controller.alpha, 6), at_most(controller.gamma, 3), ""
     box = (

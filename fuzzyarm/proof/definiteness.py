@@ -1,9 +1,9 @@
 """Proof of definiteness in exact rational arithmetic.
 
-Every float is a rational number, so a matrix formed from stored floats by additions and products can be formed
-exactly. It is positive definite if T A Tᵀ is strictly diagonally dominant with a positive diagonal for *any* T: that
-is Gershgorin's theorem and Sylvester's law (T is then regular, too). T is found in floating point, as the inverse of
-the Cholesky factor of A, which makes T A Tᵀ almost the identity; the product and the comparison are exact.
+Every float is a rational number, so a matrix A formed from stored floats by additions and products can be formed
+exactly. A is positive definite if there is a matrix T for which T A Tᵀ is strictly diagonally dominant with a positive
+diagonal, by Gershgorin's theorem and Sylvester's law (T is then regular, too). T is the inverse of the Cholesky factor
+of A in floating point, for which T A Tᵀ is almost the identity; the product and the comparison are exact.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = [
 
 
 def rational(value: Any) -> fmpq:
-    """Return a float, an integer or a rational as the exact rational it is."""
+    """Return a float, an integer or a rational as an exact rational."""
     return value if isinstance(value, fmpq) else fmpq(*value.as_integer_ratio())
 
 
@@ -78,7 +78,7 @@ def is_positive_definite(matrix: np.ndarray) -> bool:
 
 
 def is_dominant(matrix: Any) -> bool:
-    """Return whether a matrix of FLINT is strictly diagonally dominant with a positive diagonal, row by row."""
+    """Return whether a FLINT matrix is strictly diagonally dominant, row by row, with a positive diagonal."""
     rows = enumerate(matrix.tolist())
     return all(bool(row[i] > sum((abs(x) for j, x in enumerate(row) if j != i), 0 * row[i])) for i, row in rows)
 
@@ -86,8 +86,8 @@ def is_dominant(matrix: Any) -> bool:
 def largest_growth(matrix: np.ndarray, size: int) -> float:
     """Return c² with |x_1(t)| <= c exp(-αt) |x_1(0)| if V = xᵀAx, or xᵀA⁻¹x, falls at least as exp(-2αt); else inf.
 
-    x_1 are the first `size` entries of x; the others are zero at first. c² is a proven upper bound of
-    λmax(A_11) λmax((A⁻¹)_11): A_11 < λI, and (A⁻¹)_11 < μI if A > diag(I/μ, 0). For all of A: its condition number.
+    x_1 are the first `size` entries of x; the others are initially zero. c² is a proven upper bound on
+    λmax(A_11) λmax((A⁻¹)_11): A_11 < λI, and (A⁻¹)_11 < μI if A > diag(I/μ, 0). For x_1 = x: A's condition number.
     """
     A = exact(matrix)[:size, :size]
     highest = _proven(np.linalg.eigvalsh(matrix[:size, :size]), lambda x: x * exact(np.eye(size)) - A)
@@ -95,14 +95,14 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
 
 
 def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
-    """Return a proven upper bound of λmax((A⁻¹)_11), the first `size` rows and columns of A⁻¹; inf if none is found."""
+    """Return a proven upper bound on λmax((A⁻¹)_11), the first `size` rows and columns of A⁻¹; inf without a proof."""
     first = exact(np.diag(np.arange(len(matrix)) < size).astype(float))
     values = np.linalg.eigvalsh(np.linalg.pinv(matrix)[:size, :size])
     return _proven(values, lambda x: exact(matrix) - first / x)
 
 
 def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
-    """Return a number slightly above the last of `values` whose `rest` is proven positive definite, or inf."""
+    """Return a number slightly above the last of `values`, for which `rest` is proven positive definite, or inf."""
     tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
     return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 

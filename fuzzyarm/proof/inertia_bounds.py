@@ -1,30 +1,30 @@
 """The bounds of a robot's inertia that a scheduled controller claims, as matrices that must be positive definite.
 
 *Inertia.* The inertia of a robot, or of its last links on a moving base, is an exact trigonometric polynomial of its
-angles. The kinetic energy of links a + 1 to n, whose base is link a, is T = ½ yᵀ D(q) y. Here y holds the base's twist,
-the velocity of its origin and its angular velocity in its own frame, and the joint rates q̇_(a+1) ... q̇_n; a base at
-rest leaves only the rates, and D is the mass matrix M. In the frame of link i, with A_i(q_i) = rotation_i exp([u_i]×
-q_i),
+angles. The kinetic energy of links a + 1 to n, with link a as their base, is T = ½ yᵀ D(q) y. Here y contains the
+base's twist, that is the velocity of its origin and its angular velocity in its frame, and the joint rates q̇_(a+1) ...
+q̇_n; for a base at rest, y contains only the rates, and D is the mass matrix M. In the frame of link i, with
+A_i(q_i) = rotation_i exp([u_i]× q_i),
 
     ω_i = A_iᵀ ω_(i-1) + u_i q̇_i,    v_i = A_iᵀ (v_(i-1) + ω_(i-1) × d_i),
     T = ½ Σ_i m_i |v_i + ω_i × c_i|² + ω_iᵀ I_i ω_i,
 
-whose coefficients of y are multilinear in (cos q_k, sin q_k), so D is a polynomial of degree two in each such pair: a
-combination of 1, cos q, sin q, cos 2q and sin 2q for each angle. Five points on the unit circle with rational
-coordinates determine it, and all of this is computed in exact rationals from the robot's floats.
-The inertia of a robot whose base rests does not depend on its first angle.
+where v_i and ω_i are linear in y, with coefficients multilinear in (cos q_k, sin q_k). So D is a polynomial of degree
+two in each such pair: a combination of 1, cos q, sin q, cos 2q and sin 2q for each angle. Five points on the unit
+circle with rational coordinates determine it, and all of this is computed in exact rationals from the robot's floats.
+If the base of the robot is at rest, the inertia does not depend on the first angle.
 
 *Bounds.* With M̄(q) = M(q) + R, R the reflected rotor inertias, and the scheduled inertia M̂(q) = Σ_r h_r(q) S_r,
 
     M̂(q) < M̄(q) < κ M̂(q),      σ I < M̂(q),      -2 μ_k M̂(q) < ∂M̂/∂q_k < 2 μ_k M̂(q) for each kept angle q_k
 
 for all angles of the box. M depends on too many angles for one cover, so the chain is split behind link a. The energy
-of the links beyond it is a quadratic form D(q_(a+1) ... q_n) of that link's twist and the rates beyond;
-constants with
+of the links beyond link a is a quadratic form with the matrix D(q_(a+1) ... q_n) in the twist of link a and the rates
+beyond. Constants with
 
     D_low < D(q_(a+1) ... q_n) < D_high
 
-enclose M̄ between two matrices of the angles q_2 ... q_a alone: M_low with D_low in place of D, and M_high with D_high.
+enclose M̄ between two matrices that depend only on q_2 ... q_a: M_low with D_low in place of D, and M_high with D_high.
 Both steps use matrices of few angles, and nothing is sampled.
 """
 
@@ -45,7 +45,7 @@ from fuzzyarm.proof.definiteness import exact, stated
 __all__ = ["angle_ranges", "inertia_bounds", "inertia_polynomial", "plus", "scheduled_polynomial"]
 
 _NODES = tuple((fmpq(c, 5), fmpq(s, 5)) for c, s in ((5, 0), (0, 5), (-5, 0), (0, -5), (3, 4)))
-# From the values at the nodes to the coefficients in the basis, (5, 5).
+# The map from values at the nodes to coefficients in the basis, (5, 5).
 _TO_BASIS = np.array(
     fmpq_mat([[fmpq(1), c, s, c * c - s * s, 2 * c * s] for c, s in _NODES]).inv().tolist(), dtype=object
 )
@@ -56,9 +56,9 @@ def _inertia_at(
 ) -> np.ndarray:
     """Return D of links `first` + 1 to `last`, exact rationals (s, s), at exact cosines and sines of their angles.
 
-    Link a = `first` is the base; for a = 0 it rests, else b = 6 rows of D are for its twist. Links beyond `last` are
-    omitted except for `tail`, W (6 + m, 6 + m): a form ½ (v, ω, q̇)ᵀ W (v, ω, q̇) of the last link's twist and m more
-    rates, which is added; s = b + `last` - `first` + m.
+    Link a = `first` is the base; it rests if a = 0 (b = 0), otherwise the first b = 6 rows of D are for its twist.
+    Links beyond `last` are omitted, but with `tail`, W (6 + m, 6 + m), the energy ½ (v, ω, q̇)ᵀ W (v, ω, q̇) of the last
+    link's twist and m more rates is added; s = b + `last` - `first` + m.
     """
     joints, moving = robot.joints[first:last], TWIST if first else 0
     size = moving + len(joints) + (0 if tail is None else len(tail) - TWIST)
@@ -83,10 +83,10 @@ def _inertia_at(
 
 
 def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | None = None) -> np.ndarray:
-    """Return the coefficients of D, see `_inertia_at`, in the basis of each angle that it may depend on.
+    """Return the coefficients of D, see `_inertia_at`, in the basis of each angle on which D may depend.
 
-    They are exact rationals (5, ..., 5, s, s): one axis for each of the angles `first` + 1 to `last`, without that of
-    joint 1, each in the order of `BASIS`.
+    They are exact rationals (5, ..., 5, s, s), with one axis in the order of `BASIS` for each of the angles `first` + 1
+    to `last` except that of joint 1.
     """
     fixed = 0 if first else 1
     angles = last - first - fixed
@@ -118,10 +118,10 @@ def _rotation(axis: Sequence[float], c: fmpq, s: fmpq) -> fmpq_mat:
 
 
 def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Yield every bound claimed by a controller, in exact rationals of its robot and stored numbers.
+    """Yield every bound claimed by a controller, in exact rationals from its robot and its stored numbers.
 
-    Each is a name, the polynomial of a matrix that must be positive definite, and the ranges (d, 2) of its angles
-    [rad].
+    Each bound is a name, the polynomial of a matrix that must be positive definite, and the ranges (d, 2) of its
+    angles [rad].
     """
     robot, split = controller.robot, controller.split
     ranges = angle_ranges(robot)
@@ -149,14 +149,14 @@ def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.nd
 
 
 def angle_ranges(robot: Robot) -> np.ndarray:
-    """Return the ranges (n, 2) of the angles [rad]; one of a full turn or more becomes slightly more than [-π, π]."""
+    """Return the ranges (n, 2) of the angles [rad]; a full turn or more becomes slightly more than [-π, π]."""
     ranges = np.array([joint.angle_range for joint in robot.joints])
     whole = ranges[:, 1] - ranges[:, 0] >= 2.0 * np.pi - 1e-9
     return np.where(whole[:, np.newaxis], np.array([-3.141593, 3.141593]), ranges)
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
-    """Return the coefficients of M̂, rationals (5, ..., 5, n, n) over the angles 2 to a = `split`, of S_r (N, n, n)."""
+    """Return the coefficients of M̂, rationals (5, ..., 5, n, n) over angles 2 to a = `split`, from S_r (N, n, n)."""
     angles, vertices = split - 1, exact(inertia)
     total: np.ndarray = np.full((BASIS,) * angles + vertices.shape[1:], fmpq(0), dtype=object)
     for rule, S in enumerate(vertices):
@@ -168,7 +168,7 @@ def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split
 
 
 def _membership(premise: Premise, at_maximum: int, angles: int) -> np.ndarray:
-    """Return (1 ± z)/2 as coefficients, an axis of 5 for the premise's angle and of 1 for the others."""
+    """Return (1 ± z)/2 as coefficients, with an axis of size 5 for the premise's angle and of size 1 for the others."""
     values = np.full(BASIS, fmpq(0), dtype=object)
     values[0], values[premise.place] = fmpq(1, 2), fmpq(1 if at_maximum else -1, 2)
     return values.reshape([BASIS if axis == premise.joint - 1 else 1 for axis in range(angles)])

@@ -1,21 +1,21 @@
 """An ellipsoid of errors that a motion never leaves, and that lies in the box of the certificate.
 
-The certificate states V' + 2αV < γ² wᵀw while the arm is in the box. Let the reference keep the room ρ_i to the limits
-of the box, |x_i,d| + ρ_i <= limit_i, and let x_i² <= p_i V. If
+The certificate states V' + 2αV < γ² wᵀw while the arm is in the box. Let ρ_i be the room between the reference and the
+limits of the box, |x_i,d| + ρ_i <= limit_i, and let x_i² <= p_i V. If
 
     r p_i <= ρ_i²  for every entry x_i that the box limits,      γ² W² <= 2αr,
 
-then {V <= r} lies in the box at every instant, and V' < 0 on its border while |w| <= W: from this set the arm stays in
-the box. Every number is exact and rational, and the printed decimals are what is compared (`_is_invariant`).
+then {V <= r} lies in the box at every instant, and V' < 0 on its border while |w| <= W: an arm that starts in this set
+stays in the box. The comparisons are exact and rational, with the decimals as they are printed (`_is_invariant`).
 
 *Consistent form.* V = xᵀ P⁻¹ x, and p_i = P_ii is the smallest possible (Cauchy-Schwarz). The reference is the paper's
-circle, whose |q_d| and |q̇_d| are bounded in balls at every instant (`_residual`). w holds the feedforward residual
-beside the other disturbances d; its bound is subtracted from W.
+circle; its |q_d| and |q̇_d| are bounded in balls at every instant (`_residual`). w contains the feedforward residual in
+addition to the other disturbances d; the bound on the residual is subtracted from W.
 
-*Semidefinite form.* V = xᵀ (X ⊗ M̂) x with M̂ > σ I gives p_i = (X⁻¹)_ii / σ and γ²/σ for γ². The reference is any one
-that leaves half of the box as room.
+*Semidefinite form.* V = xᵀ (X ⊗ M̂) x with M̂ > σ I gives p_i = (X⁻¹)_ii / σ, and γ²/σ in place of γ². The reference is
+any reference that leaves half of the box as room.
 
-*Paper's form.* w = (d, r) holds the reference itself, r = (q_d, q̇_d, q̈_d), so that W has to be above its norm.
+*Paper's form.* w = (d, r) contains the reference itself, r = (q_d, q̇_d, q̈_d), so that W must exceed the norm of r.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from fuzzyarm.proof.definiteness import exact, inverse, largest_of_inverse, rati
 
 __all__ = ["Bounds", "InvariantSet", "invariant_set"]
 
-_DIGITS = 4  # of the printed numbers
+_DIGITS = 4  # digits of the printed numbers
 
 
 class Bounds(NamedTuple):
-    """What is known of V, x and w, in exact rationals."""
+    """The bounds on V, x and w, in exact rationals."""
 
     spread: Any  # p_i, a sequence: x_i² <= p_i V
     room: Any  # ρ_i, a sequence: from the reference to the limit of x_i [rad or rad/s]
@@ -52,23 +52,23 @@ class Bounds(NamedTuple):
 
 
 class InvariantSet(NamedTuple):
-    """The set {V <= level}; all numbers are zero where there is none."""
+    """The set {V <= level}; all numbers are zero if there is no such set."""
 
     level: float  # r
     disturbance: float  # largest |d| [N m] at every instant
-    start: float  # |e(0)| [rad] up to which a start with an error of position alone is in the set
+    start: float  # |e(0)| [rad] up to which an initial state with only a position error is in the set
     statement: str  # in words
 
 
 def _is_invariant(level: float, disturbance: float, bounds: Bounds) -> bool:
-    """Return whether {V <= level} is proven to lie in the box, and never to be left while |d| <= disturbance."""
+    """Return whether {V <= level} is proven to lie in the box, and to be invariant while |d| <= disturbance."""
     r, W = stated(level), stated(disturbance) + bounds.residual
     inside = (room > 0 and r * p <= room * room for p, room in zip(bounds.spread, bounds.room, strict=True))
     return bool(r > 0 and disturbance >= 0.0 and bounds.gamma2 * W * W <= 2 * bounds.alpha * r and all(inside))
 
 
 def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
-    """Return the largest such set of a proven controller and its reference; if none, the words say why."""
+    """Return the largest such set for a proven controller and its reference; without a set, `statement` says why."""
     if isinstance(controller, ScheduledController):
         return _of_scheduled(controller)
     try:
@@ -79,7 +79,7 @@ def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
 
 
 def _largest(bounds: Bounds) -> tuple[float, float]:
-    """Return the level and the disturbance of the largest set, rounded down and proven; zeros if there is none."""
+    """Return the level and the disturbance of the largest set, rounded down and proven; a level of 0 without a set."""
     if min(bounds.room) <= 0:
         return 0.0, 0.0
     widest = min(room * room / p for p, room in zip(bounds.spread, bounds.room, strict=True))
@@ -93,7 +93,7 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
     motion, residual = largest_motion(circle), feedforward_residual(controller.model, circle).bound
     if motion is None or residual is None:
         return _none("for this arm, no bounds between the sampled instants are known along the paper's circle")
-    # Above the norm by far more than the rounding of its computation.
+    # This exceeds the norm by far more than the rounding error of the computation.
     missed = at_most(float(np.hypot(*residual)) * (1.0 + 1e-12), 3)
     bounds = _bounds(controller, motion)._replace(residual=stated(float(missed)))
     level, d = _largest(bounds)
@@ -107,7 +107,7 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
 
 
 def _of_paper(controller: Controller, circle: JointReference) -> InvariantSet:
-    """Return no set: with the whole box as room, W is still below what the reference attains."""
+    """Return no set: even with the whole box as room, W is below the norm that the reference attains."""
     _, W = _largest(_bounds(controller, np.zeros(PLANT_STATES)))
     r = np.hstack(circle.sample(np.linspace(0.0, circle.duration, CHECKED_INSTANTS)))
     attained = float(np.linalg.norm(r, axis=1).max()) * (1.0 - 1e-9)
@@ -134,7 +134,7 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
     speeds = [stated(speed) / 2 for speed in controller.speeds.tolist()]
     spread = [inner[0, 0] / floor, *[inner[1, 1] / floor] * len(speeds)]
     level, d = _largest(Bounds(spread, [quarter, *speeds], stated(controller.alpha), gamma * gamma / floor))
-    # M̂ is a mean of the S_r, which are at most their largest sum of a row.
+    # M̂ is a mean of the S_r, and each S_r is at most its largest absolute row sum times I.
     heaviest = max(sum(map(abs, row)) for row in exact(controller.inertia).reshape(-1, len(controller.robot)))
     slow = " and at most half the speeds of the box" if speeds else ""
     where = f"for every reference in the middle half of each range of angles{slow}"
@@ -142,7 +142,7 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 
 
 def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
-    """Return a set in words, for V <= steepest |e|² where only e is not zero."""
+    """Return a set with its statement, for V <= steepest |e|² if only e is not zero."""
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
         f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
@@ -158,7 +158,7 @@ def _none(why: str) -> InvariantSet:
 
 
 def _rounded_down(value: float, proof: Callable[[float], bool]) -> float:
-    """Return a decimal at or slightly below a value for which a proof holds; 0 if none does."""
+    """Return a decimal at or slightly below a value for which a proof holds; 0 if there is no such decimal."""
     tried = (float(at_least(value * share, _DIGITS)) for share in (1.0, 0.999) if 0.0 < value < math.inf)
     return next((one for one in tried if proof(one)), 0.0)
 

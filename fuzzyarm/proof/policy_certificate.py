@@ -1,4 +1,4 @@
-"""The certificate of a policy: the claims of its controller file, for its law and for that law as it tracks the tip."""
+"""The certificate of a policy: the claims of its controller file, for its law and for the same law tracking the tip."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class PolicyCertificate:
 
     text: str  # statement of what is proven and what is not
     # the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the consistent
-    # form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file. None where the
+    # form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file. None if the
     # policy leaves the box along the reference, so that the claim is void.
     bounds: dict[str, Any] | None
     controller: Controller | ScheduledController  # the controller whose inequalities are proven
@@ -38,10 +38,10 @@ class PolicyCertificate:
 
 
 def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | None:
-    """Return the certificate of a policy along a reference; None if nothing is proven of it.
+    """Return the certificate of a policy along a reference; None if nothing is proven.
 
     A law that tracks the tip inherits the claim of the law that it wraps, for the error from θ_d instead of q_d, unless
-    that claim is about the reference alone, as the paper's is.
+    that claim holds for the observed reference alone, as in the paper's form.
     """
     if isinstance(policy, TipPolicy):
         law = certificate_of(policy.law, reference)
@@ -54,7 +54,7 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
         return None
     controller: Controller | ScheduledController = policy.controller
     prove: Any = certify if isinstance(controller, Controller) else certify_scheduled
-    # It may have been loaded with `allow_unproven`, or made by hand.
+    # The controller may have been loaded with `allow_unproven`, or made by hand.
     if controller.digest not in PROVEN and not prove(controller).proven:
         return None
     if isinstance(controller, Controller):
@@ -67,18 +67,18 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
 
 
 def tip_statement(reference: Reference) -> str:
-    """Return what a controller's certificate means for the law that tracks θ_d of `reference`, with the box re-checked.
+    """Return the meaning of a controller's certificate for the law that tracks θ_d of `reference`; check the box again.
 
-    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the dropped premises make
-    of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse dynamics at θ_d: τ_d less
-    the torque that the links would need at θ_d, known beforehand. Its largest value, and the share of the box, are
-    those of `CHECKED_INSTANTS` instants.
+    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ has two terms: that of the dropped
+    premises, which vanishes with the error, and u_ff without friction minus the rigid arm's inverse dynamics at θ_d,
+    that is τ_d minus the torque that the links would need at θ_d. The second term is known in advance; its largest
+    value, and the share of the box, are those at `CHECKED_INSTANTS` instants.
     """
     return _along_the_tip(reference)[1]
 
 
 def _along_the_tip(reference: Reference) -> tuple[ElasticReference | None, str]:
-    """Return θ_d of a reference, None if the box holds none, which voids the certificate, and `tip_statement`."""
+    """Return θ_d of a reference, or None if it leaves the box and voids the certificate, and `tip_statement`."""
     try:
         elastic = ElasticReference(reference)
     except ValueError as error:

@@ -1,8 +1,7 @@
 """The claims of a controller of the form "semidefinite", proven again from its stored numbers.
 
-*Scalar loop.* Its matrix inequality is of size three whatever the number of joints is. In the coordinates ε = M̂^(1/2)
-e of the scheduled inertia the error of each joint obeys the same loop, with λ an eigenvalue of M̂^(1/2) M̄⁻¹ M̂^(1/2),
-between 1/κ and 1:
+*Scalar loop.* The loop has three states for any number of joints. In the coordinates ε = M̂^(1/2) e of the scheduled
+inertia M̂, the error of each joint obeys the same loop, with λ an eigenvalue of M̂^(1/2) M̄⁻¹ M̂^(1/2), between 1/κ and 1:
 
     x' = (A - λ b k) x + λ b d,    x = (ε, ε', ∫ε),    A = [[0 1 0], [0 0 0], [1 0 0]],    b = (0, 1, 0)ᵀ.
 
@@ -20,13 +19,13 @@ for λ = 1/κ and λ = 1, since the matrix is affine in λ; μ bounds the rate o
 
 then (A - λ b k)ᵀ X (A - λ b k) < β² X, and no pole of the loop frozen at a state has a modulus above β.
 
-*Proof.* These inequalities are proven in exact rationals, the bounds of the inertia on covers of boxes, in
-floating point with a bound of all rounding errors (`box_cover`) and, if asked for, again in balls (`proven_in_balls`).
+*Proof.* These inequalities are proven in exact rationals, the bounds on the inertia on covers of boxes, in floating
+point with a bound on all rounding errors (`box_cover`) and, on request, again in balls (`proven_in_balls`).
 Theorem, for the rigid arm in continuous time, while its angles and the speeds of its kept angles stay in the box:
 
     V' + 2αV + eᵀ M̂ e - γ² dᵀ M̂⁻¹ d <= 0,      V = (e, ė, x_I)ᵀ (X ⊗ M̂) (e, ė, x_I).
 
-α, γ, κ, σ, β and μ are the decimal numbers that are printed, every other float is what it is.
+α, γ, κ, σ, β and μ have the printed decimal values, every other float has its exact binary value.
 """
 
 from __future__ import annotations
@@ -50,16 +49,16 @@ __all__ = ["certify_scheduled", "decay", "fastest", "schedule_rate", "scheduled_
 
 
 def _scalar_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return A (3, 3), b (3, 1) and c (1, 3) as whole numbers."""
+    """Return A (3, 3), b (3, 1) and c (1, 3) in integers."""
     unit = identity(SCALAR_STATES)
     return np.array([unit[1], 0 * unit[0], unit[0]]), unit[:, 1:2], unit[:1]
 
 
 def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
-    """Return the matrix of decay and gain, (5, 5), which has to be negative definite.
+    """Return the matrix of decay and gain, (5, 5), which must be negative definite.
 
-    λ is the share, `rate` α + μ [1/s], `gamma2` γ² [s⁴], P is (3, 3), m = k P is (1, 3), and `put` makes a matrix of
-    the block rows.
+    `share` is λ, `rate` is α + μ [1/s], `gamma2` is γ² [s⁴], P is (3, 3), and m = k P is (1, 3); `put` assembles a
+    matrix from block rows.
     """
     A, b, c = _scalar_loop()
     state = he(A @ P - b @ (share * m)) + 2 * rate * P
@@ -67,7 +66,7 @@ def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly =
 
 
 def fastest(share: Any, *, pole: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
-    """Return the matrix of the fastest pole β [1/s], (6, 6), which has to be positive definite; see `decay`."""
+    """Return the matrix of the fastest pole β [1/s], (6, 6), which must be positive definite; see `decay`."""
     A, b, _ = _scalar_loop()
     return put([[pole * P], [A @ P - b @ (share * m), pole * P]])
 
@@ -77,11 +76,11 @@ def certify_scheduled(
 ) -> Certificate:
     """Prove every claim of a controller; `Certificate.proven` says whether all of them hold.
 
-    The claims are taken from its stored numbers, the inertia is computed from its robot. With `in_balls` each box is
-    proven in balls, too, which takes longer. `progress` is called after each claim.
+    The claims come from the controller's stored numbers; the inertia is computed from its robot. With `in_balls`, each
+    box is also proven in balls, which takes longer. `progress` is called after each claim.
     """
     claims = _loop_claims(controller)
-    # The cheap claims come first: a file whose gains do not fit is refused at once.
+    # The cheap claims come first: a file with gains that do not fit is refused at once.
     if all(one.proven for one in claims):
         for name, polynomial, ranges in inertia_bounds(controller):
             claims.append(_inertia_claim(name, polynomial, ranges, in_balls))
@@ -96,7 +95,7 @@ def certify_scheduled(
 
 
 def schedule_rate(controller: ScheduledController) -> fmpq:
-    """Return μ = Σ μ_k |q̇_k| [1/s], a bound of half the rate of M̂ relative to M̂, in exact rationals."""
+    """Return μ = Σ μ_k |q̇_k| [1/s], a bound on half the rate of M̂ relative to M̂, in exact rationals."""
     pairs = zip(controller.rates.tolist(), controller.speeds.tolist(), strict=True)
     return sum((stated(rate) * stated(speed) for rate, speed in pairs), fmpq(0))
 
@@ -106,7 +105,7 @@ def _loop_claims(controller: ScheduledController) -> list[Claim]:
     rate, gamma = stated(controller.alpha) + schedule_rate(controller), stated(controller.gamma)
     claims, P = [Claim.of("X > 0", X)], inverse(X)
     if P is None:
-        P = 0 * X  # of which nothing is proven
+        P = 0 * X  # no claim about this P is proven
     m, pole = k @ P, stated(controller.fastest_pole)
     for name, share in (("1/kappa", 1 / stated(controller.kappa)), ("1", fmpq(1))):
         matrix = -np.asarray(decay(share, rate=rate, gamma2=gamma * gamma, P=P, m=m))
@@ -141,7 +140,7 @@ def scheduled_statement(controller: ScheduledController) -> str:
     # γ/σ [rad/(N m)], rounded up, bounds the L2 gain from the torques d to the position error in Euclidean norms.
     euclid = stated(controller.gamma) / stated(controller.floor)
     gain = float(np.nextafter(int(euclid.p) / int(euclid.q), np.inf))
-    # V = xᵀ (X ⊗ M̂) x, where M̂ > σ I is a mean of the S_r, which are at most their largest sum of a row.
+    # V = xᵀ (X ⊗ M̂) x, where M̂ > σ I is a mean of the S_r; each S_r is at most its largest absolute row sum times I.
     heaviest = np.abs(controller.inertia).sum(axis=-1).max() / controller.floor
     growth = (heaviest * largest_growth(controller.lyapunov, size) for size in (len(controller.lyapunov), 1))
     return (

@@ -1,22 +1,22 @@
 """A second checker of proven tip bounds, which imports nothing of this package.
 
-It reads the file of a bound and the controller file of its law and derives the bound again, by equations of its own. Of
-the file's tube it uses the centre y(t), the radii ρ and the plan of each friction. On a segment of length h, with a
-plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of this must hold:
+It reads the file of a bound and the controller file of its law and derives the bound again from separate equations. It
+uses the centre y(t), the radii ρ and the plan for each friction from the file's tube. On a segment of length h, for a
+plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of the following must hold:
 
-1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), A linearised at the middle of the segment, a(t) the torques of the
-   constants along the centre, and |w| <= w̄ what A omits wherever |S ξ| <= ρ: defects of the centre, derivatives of the
-   links' torques on the tube minus those in A times ρ, products Δp ρ, and friction.
-2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the plan of the file: a motor is HELD if it rests and its net torque stays
-   below μ F(0); it may SLIP if its velocity keeps its sign on the tube; MONOTONE is Lemma 2 of the page, MIXED all
-   cases of Lemma 1 that the velocities allow; ANY is any torque up to the static one.
+1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), where A is the linearisation at the middle of the segment, a(t) are the
+   torques of the constants along the centre, and |w| <= w̄ bounds the terms missing in A wherever |S ξ| <= ρ: defects of
+   the centre, derivatives of the links' torques on the tube minus those in A, times ρ, products Δp ρ, and friction.
+2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the plan in the file: HELD is a motor at rest with a net torque below μ F(0);
+   SLIP needs a velocity that keeps its sign on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all cases
+   of Lemma 1 that the velocities allow; ANY is any torque up to the static friction.
 3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
-4. *Sample.* The law is linearised by its Jacobian on the box of measured states; rounding and a guest add to the rest.
+4. *Sample.* The law is linearised by its Jacobian on the box of measured states; the rest includes rounding and guest.
 5. *For ever.* The end of a lap lies in the set in which the lap began.
 
-Balls (Arb) hold plant, law, reference and exponentials. A course f(s), s in [-1, 1], is a Chebyshev interpolant in N
-nodes; it errs by 4 M r^(1-N)/(r - 1) where |f| <= M in the ellipse with semi-axes of sum r. The set of deviations is a
-zonotope G g, |g| <= 1, in doubles with their rounding: its first columns are those of the constants.
+Plant, law, reference and exponentials are balls (Arb). A course f(s), s in [-1, 1], is a Chebyshev interpolant with N
+nodes; its error is at most 4 M r^(1-N)/(r - 1) if |f| <= M in the ellipse with r as sum of semi-axes. Deviations lie in
+a zonotope G g, |g| <= 1, in doubles with bounds on rounding; the first columns of G belong to the constants.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from flint import acb, arb, arb_mat, arb_series, ctx
 
 __all__ = ["SecondCheck", "check"]
 
-_LOOSER, _GRAIN = 1.01, 5e-8  # factor, and [m] at an instant, by which the own bound may be above the file's
+_LOOSER, _GRAIN = 1.01, 5e-8  # factor, and [m] at an instant, by which this checker's bound may exceed the file's
 _LAWS, _OMEGA = ("fuzzy-4-tip", "fuzzy-4-sampled-tip", "computed-torque-tip"), 70  # ω of computed torque [rad/s]
 _SCHEMAS = ("fuzzyarm-tip-bound/1", "fuzzyarm-tip-bound/2")  # the second also bounds the error between samples
 _CONTROLLERS = Path(__file__).parents[1] / "fuzzy_policy" / "controllers"
 _PERIOD, _BITS, _SMALL, _ULPS, _UP = 1e-3, 96, 2.0**-44, 2.0**-48, 1.0 + 1e-10
-_AGAIN, _ROW, _SHARE = 4, 4096, 2e-3  # laps; tags of a step; room of a set around the end of a lap
+_AGAIN, _ROW, _SHARE = 4, 4096, 2e-3  # most repeats of a lap; tags per step; margin of a set around the end of a lap
 _NODES, _RADII, _TURNS, _BOTH, _LISTS = 12, (8.0, 16.0, 32.0), 96, range(2), ("tip", "whole", "steps")
 _FLOOR = np.repeat([1e-11, 1e-11, 1e-8, 1e-8, 1e-11, 1e-8, 1e-6, 1e-5, 1e-5], 2)  # far below a µm of the tip
-# Factors on the radii of the file and on `_FLOOR`, which is added, as enclosures here are wider in places: in turn.
+# Factors on the file's radii and on `_FLOOR`, which is added, tried in turn: some enclosures are wider here.
 _ROOMS = (1.0, 0.01), (1.01, 0.03), (1.03, 0.1), (1.1, 1.0)
 # Rows of S, in the order of the file; the first eight are ξ without δu.
 _Q, _V, _DQ, _BEND, _RATE, _NET, _MOTOR, _LINK = (slice(i, i + 2) for i in range(2, 18, 2))
@@ -52,7 +52,7 @@ _RANGES = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "vis
 _FIXED: dict[str, Any] = {"payload": [0.0, 0.0], "force": [1.0, 1.0], "noise": [0.0, 0.0], "late": 0}
 _FIXED |= {"force_swing": 0.0, "force_course": 0.0}
 _DEFAULTS: dict[str, Any] = {name: [1.0, 1.0] for name in _RANGES} | _FIXED | {"friction": "law"}
-_KNOWN: Any = {"case": ("nominal",), "path": ("circle",), "laps": ("one", "ever")}  # values of a claim, defaults first
+_KNOWN: Any = {"case": ("nominal",), "path": ("circle",), "laps": ("one", "ever")}  # supported values in a claim
 _KNOWN |= dict.fromkeys(("arm", "points", "start"), (None,))
 _TABLE_1: dict[str, Any] = {
     "length": [0.5, 0.5], "mass": [15.0, 9.0], "inertia": [0.31, 0.19], "mass_center": [0.25, 0.25],
@@ -71,16 +71,16 @@ class SecondCheck:
     """The outcome of the second checker."""
 
     path: Path  # the file
-    verdict: str  # "PROVEN", "NOT PROVEN" or "NOT CHECKED", which is for laws and motions that it does not know
-    reason: str  # why it is not proven or not checked; empty if it is proven
-    bound: float  # of the tip error, found here [m]; nan without a proof
-    about: str  # law, set and motion in words, by the numbers of the file
+    verdict: str  # "PROVEN", "NOT PROVEN" or, for laws and motions that the checker does not support, "NOT CHECKED"
+    reason: str  # why the claim is not proven or not checked; empty if it is proven
+    bound: float  # bound on the tip error [m], found here; nan without a proof
+    about: str  # law, set and motion in words, from the numbers of the file
     seconds: float  # duration of the check
     proven: bool  # whether the claim was derived again
 
 
 def check(path: Path) -> SecondCheck:
-    """Derive the bound of a file again; OSError or ValueError if it cannot be read."""
+    """Derive the bound of a file again; OSError or ValueError if the file cannot be read."""
     begin = time.perf_counter()
     try:
         claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
@@ -120,7 +120,7 @@ class _Claim:
         self.count, self.sizes = round(self.duration / _PERIOD), [[len(lap.get(n, ())) for n in _LISTS] for lap in laps]
 
     def unknown(self) -> str:
-        """Return what of the claim this checker does not know; empty if it knows all of it."""
+        """Return, in words, which parts of the claim this checker does not support; empty if it supports all."""
         odd = [] if self.law in _LAWS else [f"the law {self.law!r} (only {', '.join(_LAWS)})"]
         odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
         odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value not in _KNOWN[name]]
@@ -138,7 +138,7 @@ class _Claim:
 
 
 def _upper(x: Any) -> float:
-    """Return a float that is not below |x| of a ball."""
+    """Return a float that is at least |x| for every x in a ball."""
     found = float(x.abs_upper()) * (1.0 + 2.0**-50) + 1e-300
     if not math.isfinite(found):
         raise _Refused("an enclosure is not finite")
@@ -161,14 +161,14 @@ def _read(value: Any) -> Any:
 
 
 def _lumped(robot: dict[str, Any], link: int) -> list[Any]:
-    """Return what a link adds to c_1, ..., c_5."""
+    """Return the contributions of a link to c_1, ..., c_5."""
     m, r, inertia = (arb(robot[name][link]) for name in ("mass", "mass_center", "inertia"))
     L, g, own = arb(robot["length"][0]), arb(robot["gravity"]), m * r * r + inertia
     return [own + m * L * L, m * L * r, own, m * g * L, m * g * r] if link else [own, arb(0), arb(0), m * g * r, arb(0)]
 
 
 def link_torque(c: list[Any], q: Any, v: Any, a: Any) -> list[Any]:
-    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] of the constants c_1, ..., c_5."""
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for the constants c_1, ..., c_5."""
     cos2, sin2, sin12 = q[1].cos(), q[1].sin(), (q[0] + q[1]).sin()
     first = (c[0] + 2 * c[1] * cos2) * a[0] + (c[2] + c[1] * cos2) * a[1] - c[1] * sin2 * v[1] * (2 * v[0] + v[1])
     second = (c[2] + c[1] * cos2) * a[0] + c[2] * a[1] + c[1] * sin2 * v[0] * v[0]
@@ -182,13 +182,13 @@ def _jacobian(f: Any, x: list[Any]) -> list[list[Any]]:
 
 
 def _link_slopes(c: list[Any], q: Any, v: Any, a: Any) -> list[list[list[Any]]]:
-    """Return the derivatives of `link_torque` by q, q̇ and q̈, (2, 2) each."""
+    """Return the derivatives of `link_torque` with respect to q, q̇ and q̈, (2, 2) each."""
     rows = _jacobian(lambda x: link_torque(c, x[:2], x[2:4], x[4:]), [*q, *v, *a])
     return [[row[i : i + 2] for row in rows] for i in (0, 2, 4)]
 
 
 class _Plant:
-    """The arms of a set: constants in the middle, in balls, and the half widths of their ranges."""
+    """The arms of a set: the middles, in balls, and the half widths of the ranges of all constants."""
 
     def __init__(self, robot: dict[str, Any], plants: dict[str, Any]) -> None:
         middle, half = dict[str, list[Any]](), dict[str, list[Any]]()
@@ -209,15 +209,15 @@ class _Plant:
         self.masses = {j: [half["mass"][j] * x for x in links[j]] for j in _BOTH if not half["mass"][j].is_zero()}
         pairs = zip(half["dry_friction"], middle["dry_friction"], strict=True)
         shares = [wide if wide.is_zero() else wide / at for wide, at in pairs]
-        self.share = [(_ends(1 - share)[0], _ends(1 + share)[1]) for share in shares]  # ends of the friction's factor
+        self.share = [(_ends(1 - share)[0], _ends(1 + share)[1]) for share in shares]  # ends of the factor on friction
         inner = ("motor_inertia", "viscous_friction", "stiffness", "damping")
         wide = {name: [half[name][j] * arb(robot[name][j]) for j in _BOTH] for name in inner}
         self.half = {name: np.array([0.0 if x.is_zero() else _upper(x) for x in both]) for name, both in wide.items()}
         kinds = [(name, j) for name in _RANGES for j in _BOTH if not half[name][j].is_zero()]
-        self.column = {kind: i for i, kind in enumerate(kinds)}  # of the zonotope, by constant
+        self.column = {kind: i for i, kind in enumerate(kinds)}  # column of the zonotope, by constant
 
     def friction(self, joint: int, v: Any) -> Any:
-        """Return F(v) [N m] of the middle, as an even function of the velocity."""
+        """Return F(v) [N m] for the middles of the ranges, as an even function of the velocity."""
         fall = (-(v / self.stribeck) * (v / self.stribeck)).exp()
         return self.coulomb[joint] + (self.static[joint] - self.coulomb[joint]) * fall
 
@@ -226,11 +226,11 @@ class _Plant:
         return -2 * v / self.stribeck**2 * (self.friction(joint, v) - self.coulomb[joint])
 
     def steepest(self, joint: int) -> float:
-        """Return a bound of |F'|, which is largest at v_s/√2: there F' stops falling and begins to rise."""
+        """Return a bound on |F'|, which is largest at v_s/√2: there F' stops falling and begins to rise."""
         return _upper(self.slope(joint, self.stribeck / arb(2).sqrt())) * _UP
 
     def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
-        """Return the ends of F' on speeds in [low, high]."""
+        """Return bounds on F' for speeds in [low, high]."""
         (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
         turn = _ends(self.stribeck / arb(2).sqrt())
         return min(a, c, -self.steepest(joint) if low <= turn[1] and high >= turn[0] else math.inf), max(b, d)
@@ -243,14 +243,14 @@ def _tip(q: list[Any], length: list[Any]) -> list[Any]:
 
 
 def _on_circle(t: Any, duration: float) -> list[Any]:
-    """Return p on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, by the quintic law."""
+    """Return p on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, with the quintic time law."""
     x = t / arb(duration)
     psi = arb.pi() / 2 - 2 * arb.pi() * x * x * x * (10 - 15 * x + 6 * x * x)
     return [arb(0.35) + arb(0.2) * psi.cos(), arb(0.65) + arb(0.2) * psi.sin()]
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return q_d = p⁻¹ with q2 > 0, q̇_d and q̈_d by power series in time, in balls that hold the policy's floats."""
+    """Return q_d = p⁻¹ with q2 > 0, q̇_d and q̈_d by power series in time, in balls that contain the policy's floats."""
     (x, y), (one, two) = _on_circle(arb_series([t, 1], prec=3), duration), length
     q2 = ((x * x + y * y - one * one - two * two) / (2 * one * two)).acos()
     series = [(y / x).atan() - (two * q2.sin() / (one + two * q2.cos())).atan(), q2]  # x > 0
@@ -260,7 +260,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign of θ̇_d at rest: zero but for rounding of 11 τ - 18 τ + 9 τ - 2 τ, a sum repeated in doubles."""
+    """Return the sign of θ̇_d at rest: the rounding error of 11 τ - 18 τ + 9 τ - 2 τ, a sum repeated in doubles."""
     (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
@@ -280,7 +280,7 @@ class _Law:
 
     def __init__(self, robot: dict[str, Any], duration: float) -> None:
         self.robot, self.nominal, self.duration = robot, _Plant(robot, _DEFAULTS), duration
-        self._past, self._before = list[Any](), list[Any]()  # τ_d of the last samples, the latest first; what u_ff had
+        self._past, self._before = list[Any](), list[Any]()  # last samples of τ_d, latest first; smooth part of u_ff
 
     def _target(self, k: int) -> tuple[list[Any], list[Any]]:
         """Return r = (θ_d, θ̇_d, θ̈_d) (6,) and u_ff (2,) at the k-th sample, in balls."""
@@ -297,7 +297,7 @@ class _Law:
             target.append((q[j] + (now - b * (rate - b * bend)) / stiff, velocity, acceleration))
             smooth.append(n.inertia[j] * acceleration + n.viscous[j] * velocity + now)
             middle = velocity + T * acceleration / 2
-            sign = float(middle > 0) - float(middle < 0) or math.nan  # nan where it is undecided: refused as not finite
+            sign = float(middle > 0) - float(middle < 0) or math.nan  # nan if undecided: refused as not finite
             side = sign if self._before else _sign_at_rest(self.robot, j)
             slips.append(side * n.friction(j, middle))
         before, self._before = self._before or smooth, smooth
@@ -306,13 +306,13 @@ class _Law:
         return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
     def respond(self: Any, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, Any, list[Any]]:
-        """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) of the rest on a box about x, and θ_d."""
+        """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) on the rest in a box about x, and θ_d."""
         (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
         near, far = (_jacobian(lambda y: self._own(y, r), y) for y in (x, wide))  # ∂u/∂(θ, θ̇, x_I), (2, 6)
         centre, rest = np.vectorize(lambda a: float(a.mid()))(near), np.zeros(2)
         for j, (slopes, gains) in enumerate(zip(far, self._gains_at(wide), strict=True)):
-            # Rounding in the law, in whatever order it adds: a share of the sizes of its terms.
+            # Rounding errors of the law for any order of its sums: a share of the sizes of its terms.
             sizes = _upper(_dot([abs(a) for a in gains], [abs(a) for a in _less(wide, r)]))
             rest[j] = _distance(slopes, centre[j]) @ box + 2.0 * _ULPS * (sizes + 200.0 * sum(map(_upper, r)) + 1.0)
         return [own + ahead for own, ahead in zip(self._own(x, r), u_ff, strict=True)], centre, rest * _UP, r[:2]
@@ -379,7 +379,7 @@ class _Course:
         self.c, self.left, self.sizes = c, left, [_upper(x) for x in c]
 
     def line(self) -> tuple[float, float, float]:
-        """Return level and slope of the line c_0 + c_1 s in floats, and a bound of what is beside it."""
+        """Return level and slope of the line c_0 + c_1 s in floats, and a bound on the distance of f from it."""
         level, slope = float(self.c[0].mid()), float(self.c[1].mid())
         beside = _upper(self.c[0] - level) + _upper(self.c[1] - slope) + sum(self.sizes[2:]) + self.left
         return level, slope, beside * _UP
@@ -388,7 +388,7 @@ class _Course:
         return (sum(self.sizes) + self.left) * _UP
 
     def range(self) -> tuple[float, float]:
-        """Return the ends of f: its values at both ends if |c_1| > Σ j² |c_j|, because |T_j'| <= j²."""
+        """Return bounds on f: its values at both ends if |c_1| > Σ j² |c_j|, because |T_j'| <= j²."""
         ends = [_ends(x) for x in (sum(self.c, arb(0)), sum(self.c[::2], arb(0)) - sum(self.c[1::2], arb(0)))]
         beside = self.left
         if not float(self.c[1].abs_lower()) > 1.001 * sum(j * j * x for j, x in enumerate(self.sizes[2:], 2)):
@@ -401,7 +401,7 @@ class _Course:
 
 
 class _Motion:
-    """The centre on a segment: θ and q as polynomials in s, and their derivatives by time t = begin + h (s + 1)/2."""
+    """The centre on a segment: θ and q as polynomials in s, and their derivatives in t = begin + h (s + 1)/2."""
 
     def __init__(self, angles: list[list[float]], h: float, begin: float) -> None:
         if len(angles) != 4 or any(len(row) != 8 for row in angles):
@@ -423,7 +423,7 @@ class _Motion:
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return f(x, v, a, t) as courses; those of a linear function of x, v, a are polynomials, and exact."""
+        """Return f(x, v, a, t) as courses; those of `linear`, a linear function of x, v and a, are exact."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -455,7 +455,7 @@ _distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
 def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return bounds of |X G g|, with `own` added to the columns of the constants."""
+    """Return bounds on |X G g|, with `own` added to the columns of the constants."""
     image = np.einsum("ij,jk", rows[0], G)
     image[:, : own.shape[1]] += own
     spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
@@ -463,7 +463,7 @@ def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) 
 
 
 class _Friction:
-    """The friction of one motor on a segment: what its plan makes of it."""
+    """The friction of one motor on a segment, bounded by its plan."""
 
     def __init__(self, plant: _Plant, joint: int, plan: str, mode: int, known: Any, motion: Any) -> None:
         self.joint, self.plan, self.known, self._plant = joint, plan, known, plant
@@ -477,13 +477,13 @@ class _Friction:
         if not fits or (plan == "held" and not (self._rests and known == (0.0, 0.0))):
             raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit together")
         parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
-        self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound of |P - σ F(v)|
+        self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound on |P - σ F(v)|
         self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
 
     def parted(self, start: float, h: float, driving: float) -> Any:
-        """Return a bound of |δv| by Lemma 2, for |δN| and the constants within `driving` [N m]."""
+        """Return a bound on |δv| by Lemma 2, if |δN| including the constants is at most `driving` [N m]."""
         eta, aside = self.needed.size() + self.share[1] * self.static[1], 0.0
-        if self.side:  # a centre that is on the other side by `aside` is compared after that shift
+        if self.side:  # a centre with v of the other sign, up to `aside`, is compared after a shift
             eta = self.missed + self.uncertain * self.static[1]
             aside = max(0.0, -self._range[0] if self.side > 0 else self._range[1])
         elif self._rests:
@@ -493,7 +493,7 @@ class _Friction:
         return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
     def bound(self, tube_v: float, spread: float, h: float) -> Any:
-        """Return a bound of |Γ_f + P| beside the linear slope; |N - N_y| <= `spread` [N m], constants included."""
+        """Return a bound on |Γ_f + P| without the linear slope; |N - N_y| <= `spread` [N m], constants included."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         if self.plan == "any":
@@ -529,7 +529,7 @@ class _Friction:
         return max(found) * _UP
 
     def _rates(self, tube_v: float, spread: float) -> tuple[float, float]:
-        """Return the least v̇ where v < 0, and the largest where v > 0."""
+        """Return a lower bound on v̇ for v < 0, and an upper bound for v > 0."""
         net, weak = self.net.range(), self.share[0]
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         back, forth = (weak * _ends(self._plant.friction(self.joint, arb(max(x, 0.0))))[0] for x in (-low, high))
@@ -537,7 +537,7 @@ class _Friction:
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
     def after(self, tube_v: float, spread: float, h: float, end: float) -> tuple[float, float]:
-        """Return bounds of v at the end of the segment, where the centre has the velocity `end`."""
+        """Return bounds on v at the end of the segment, where the centre has the velocity `end`."""
         if self.plan in ("any", "held"):
             return (-math.inf, math.inf) if self.plan == "any" else (0.0, 0.0)
         falling, rising = self._rates(tube_v, spread)
@@ -548,7 +548,7 @@ class _Friction:
 
 
 class _Tube:
-    """The tube: iterating gives bounds of the tip error at the end of each control step, and at any instant of it."""
+    """The tube: iterating yields the control steps, and `step` returns bounds on the tip error in a control step."""
 
     def __init__(self, claim: _Claim) -> None:
         self._claim, name = claim, claim.law.removesuffix("-tip") + ".json"
@@ -570,13 +570,13 @@ class _Tube:
         start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
         self._centre = [*(float(x.mid()) for x in start), *[0.0] * 4]
         self._memory, self._known, self._begin = [0.0, 0.0], [(0.0, 0.0)] * 2, list[Any]()
-        # rows: ξ with δu, then x_I; columns: the constants, then what has disturbed the motion so far, each with a tag
+        # rows: ξ with δu, then x_I; columns: the constants, then the disturbances so far, each with a tag
         self._G, self._tags, self._tag = np.zeros((12, len(plant.column))), np.zeros(0, dtype=int), 0
         self._move([start, [arb(0)] * 4])
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the numbers of control steps; the last lap of all is repeated until its end lies where it began."""
+        """Yield the numbers of control steps; in claims for ever the last lap repeats until it ends where it began."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -587,7 +587,7 @@ class _Tube:
                     raise _Refused("the end of the last lap is not inside the set in which the lap began")
 
     def step(self, place: int) -> tuple[float, float]:
-        """Take a control step; return bounds of the tip error during it and at its end [m]."""
+        """Take a control step; return bounds on the tip error during it and at its end [m]."""
         self._tag = _ROW * (k := place % self._claim.count)
         torque, begun, most = self._sample(k), 0.0, 0.0
         for part in self._claim.steps[place]:
@@ -601,11 +601,11 @@ class _Tube:
         return most, self._last
 
     def _is_inside(self) -> bool:
-        """Return whether the end of a lap lies in the set in which the lap began, and begin a lap in a set around it.
+        """Return whether a lap ends in the set in which it began, and begin the next lap in a set around this end.
 
-        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G of the end. A later end has columns with the
-        same tags, which lie inside but for what differs, the rest. It is inside if B g' = rest has a solution: with
-        E = 1 - W B for W near B⁻¹, |g'| <= max |W rest| / (1 - |E|).
+        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. The end of the next lap has
+        columns with the same tags; the differences are the rest. It lies in the set if B g' = rest has a solution with
+        |g'| <= 1: with E = 1 - W B for W near B⁻¹, |g'| <= max |W rest| / (1 - |E|).
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
         point, G = np.array([*self._centre, *self._memory]), self._G[rows]
@@ -628,14 +628,14 @@ class _Tube:
         return inside
 
     def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
-        """Add a box around the first rows, and columns."""
+        """Add to the zonotope a box in the first rows, and columns."""
         wide = np.eye(12)[:, : len(box)] * box
         self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
         count = self._G.shape[1] - len(self._plant.column) - len(self._tags)
         self._tags, self._tag = np.append(self._tags, self._tag + np.arange(count)), self._tag + count
 
     def _move(self, of: list[list[Any]]) -> None:
-        """Measure deviations from the centre's floats instead of angles and velocities that differ by rounding."""
+        """Refer deviations to the centre's floats instead of angles and velocities that differ by rounding."""
         self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
 
     def _prune(self) -> None:
@@ -657,7 +657,7 @@ class _Tube:
         torque = np.array([float(u.mid()) for u in answer])
         rest += _SMALL * np.abs(slopes) @ box
         rest += [_upper(u - c) for u, c in zip(answer, torque.tolist(), strict=True)]
-        guest = np.array(self._claim.guest)  # |w| at most; a sum that is limited differs from a limited sum by less
+        guest = np.array(self._claim.guest)  # bound on |w|; a limit on a sum only reduces its change by w
         rest += (guest + _ULPS * (np.abs(torque) + np.abs(slopes) @ box)) * _UP * (guest > 0.0)
         after = [x + arb(_PERIOD) * (arb(p) - a) for x, p, a in zip(self._memory, point[:2], aim, strict=True)]
         self._memory = [float(x.mid()) for x in after]
@@ -670,7 +670,7 @@ class _Tube:
         return torque
 
     def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
-        """Take the zonotope over a segment; return a bound of the tip error during it [m]."""
+        """Propagate the zonotope over a segment; return a bound on the tip error during the segment [m]."""
         p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
         whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
         if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
@@ -728,7 +728,7 @@ class _Tube:
         return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
 
     def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
-        """Return A (10, 10), b (10, 6), S (18 + 2 masses, 10) and D of ξ̇ = A ξ + b w, observed S ξ + D w."""
+        """Return A (10, 10), b (10, 6), S (18 + 2 masses, 10) and D of ξ̇ = A ξ + b w with the output S ξ + D w."""
         p, zero, (angle, speed, mass) = self._plant, arb(0), slopes[0]
         A, b, D = ([[zero] * n for _ in range(rows)] for rows, n in ((10, 10), (10, 6), (18, 6)))
         S = [[arb(int(i == j)) for j in range(10)] for i in range(8)]
@@ -754,7 +754,7 @@ class _Tube:
         S += nets + [row[:] for row in A[4:8]]
         D[14:18] = [row[:] for row in b[4:8]]
         for j, friction in enumerate(frictions):
-            if friction.plan == "monotone":  # its velocity is an input, bounded beside the linear equation
+            if friction.plan == "monotone":  # its velocity is an input with a separate bound
                 v = 4 + j
                 A[v], b[v], S[14 + j], D[14 + j] = [zero] * 10, [zero] * 6, [zero] * 10, [zero] * 6
                 for row, channel in zip([*A, *S], [*b, *D], strict=True):
@@ -790,7 +790,7 @@ class _Tube:
         return level, slope, rest, sizes
 
     def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
-        """Return w̄ (6,) on a tube, what S ξ then reaches (18,), and a bound of |N - N_y| with the constants (2,)."""
+        """Return w̄ (6,) on a tube, the resulting bounds on S ξ (18,), and on |N - N_y| with the constants (2,)."""
         (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
         w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
@@ -809,7 +809,7 @@ class _Tube:
             w[_LINKS] += np.einsum("kij,kj->i", _distance(_link_slopes(c, *wide), at), radii) * _UP
         others = w[_LINKS] * _UP
         products = np.einsum("kij,kj->i", np.abs(slopes[1:]).sum(axis=0), radii) * _UP if p.masses else np.zeros(2)
-        for _ in range(4):  # r_p ξ, bounded by the tube or as it is observed
+        for _ in range(4):  # products Δp δ, bounded by the tube or by the outputs
             w[_LINKS] = (others + products) * _UP
             products = np.minimum(products, (free + push @ (w * _UP))[18:].reshape(-1, 2).sum(axis=0) * _UP)
         w *= _UP
@@ -821,10 +821,10 @@ class _Tube:
         return w, reached, spread
 
     def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
-        """Return bounds of S ξ without w, of what w = 1 adds, and the function that takes the zonotope on, for w̄.
+        """Return bounds on S ξ without w, on the effect of w = 1, and a function of w̄ that propagates the zonotope.
 
-        Between both ends S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). Over each
-        half of the segment two moments of w are columns, about the middle; the third is a box.
+        Between both ends, S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). For each
+        half of the segment, two moments of w about the middle of the half become columns; the third becomes a box.
         """
         m, G, size_A, size_b, SA = level.shape[1], self._G[:10], _above(A), _above(b), S * A
         E, quarter = _above(arb_mat((size_A * (h * _UP)).tolist()).exp()), (A * (arb(h) / 4)).exp()
@@ -848,7 +848,7 @@ class _Tube:
         last = _reach(rows, moved, feed[0] @ (level + slope)) + wide[0] @ spare + _above(S) @ box
         bend = _reach(_floats(SA * A), G, SAb[0] @ (level - slope) + Sb[0] @ slope * (2.0 / h))
         bend += (wide[1] + 2.0 / h * wide[2]) @ spare
-        grown = h * _above(SA) @ (E[:, :8] @ bend[:8])  # the first rows of S are ξ; δu does not move
+        grown = h * _above(SA) @ (E[:, :8] @ bend[:8])  # the first rows of S are ξ; δu is constant
         free = (np.maximum(first, last) + h * h / 8.0 * (bend + grown)) * _UP
         push = _above(D) + h * _above(S * b) + h * h / 2.0 * _above(SA * b) + h**3 / 6.0 * _above(SA * A) @ (E @ size_b)
 
@@ -867,7 +867,7 @@ class _Tube:
         return free, push * _UP, after
 
     def _tip(self, t: float) -> float:
-        """Return a bound of |p(q) - p_r|: in `_TURNS` directions, with the quadratic remainder."""
+        """Return a bound on |p(q) - p_r|, from `_TURNS` directions, with the quadratic remainder."""
         q, length = [arb(x) for x in self._centre[2:4]], self._plant.length
         tip, J = _tip(q, length), _jacobian(lambda x: _tip(x, length), q)
         off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration), strict=True)]
@@ -882,12 +882,12 @@ class _Tube:
         return float((wide + missed + self._bent(*radius)) * _UP)
 
     def _bent(self, one: float, two: float) -> float:
-        """Return a bound of |p(q) - p(q_y) - J δq| for |δq_1| and |δq_2|."""
+        """Return a bound on |p(q) - p(q_y) - J δq| for given bounds on |δq_1| and |δq_2|."""
         first, second = map(_upper, self._plant.length)
         return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
 
     def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
-        """Return how far the tip error can be above that at both ends: each part is within h²/8 sup |f̈| of a line.
+        """Return by how much the tip error can exceed that at both ends: parts are within h²/8 sup |f̈| of lines.
 
         Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
         """

@@ -27,16 +27,16 @@ _LISTED = 20  # claims in the printed report
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
-    """The certificate of one file; what depends on the reference is given for the paper's circle."""
+    """The certificate of one file; statements that depend on the reference are for the paper's circle."""
 
     path: Path  # the file
-    certificate: Certificate  # its claims, each proven or not
+    certificate: Certificate  # claims of the file, each proven or not
     seconds: float  # time of the proof
     controller: Controller | ScheduledController  # the content of the file
-    # the feedforward residual; None unless the form is the consistent one, and where the arm does not reach the circle
+    # the feedforward residual; None unless the form is the consistent one and the arm reaches the circle
     residual: Residual | None = None
-    tip: str | None = None  # statement for the policy of this file with the ending -tip
-    invariant: InvariantSet | None = None  # from where the arm stays in the box; None where the claims are not proven
+    tip: str | None = None  # statement for the policy of this file with the suffix -tip
+    invariant: InvariantSet | None = None  # the set from which the arm stays in the box; None without a proof
 
     @property
     def proven(self) -> bool:
@@ -74,7 +74,7 @@ class Verification:
                 f"{at_most(c.gamma, 6)} s^2, fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
             )
         else:
-            # What fails first, then the smallest margins; a large model has hundreds of claims.
+            # Claims that fail come first, then the smallest margins; a large model has hundreds of claims.
             claims = tuple(sorted(every, key=lambda claim: (claim.proven, claim.proof_margin))[:_LISTED])
             what, how = "inequalities proven in exact rational arithmetic", ""
             pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"

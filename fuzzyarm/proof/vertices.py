@@ -27,7 +27,7 @@ REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 
 
 @dataclasses.dataclass(frozen=True)
 class Vertices:
-    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed."""
+    """The T-S model in the form used by the inequalities, in SI units; lists and arrays must not be changed."""
 
     E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
     A: list[np.ndarray]  # N matrices A_pi, (4, 4)
@@ -48,7 +48,7 @@ class Vertices:
     def midpoints(self) -> Self:
         """Return the vertices (A_i + A_j)/2 of the pairs, in their order.
 
-        (Ψ_ijk + Ψ_jik)/2 is Ψ there, with (M_ik + M_jk)/2 and (L_ik + L_jk)/2: Ψ_ijk is affine in A_i, M_jk and L_jk.
+        Since Ψ_ijk is affine in A_i, M_jk, L_jk, (Ψ_ijk + Ψ_jik)/2 is Ψ there with (M_ik + M_jk)/2, (L_ik + L_jk)/2.
         """
         return dataclasses.replace(self, A=[0.5 * (self.A[i] + self.A[j]) for i, j in self.pairs])
 
@@ -68,7 +68,7 @@ class Vertices:
         return whole
 
     def error_rows(self, plant_rows: np.ndarray) -> np.ndarray:
-        """Return [Y; 0] (..., n_e, m): what enters the rows of e, for Y (..., 4, m), and leaves ẋ_I alone."""
+        """Return [Y; 0] (..., n_e, m) for Y (..., 4, m), which acts on the rows of e and not on that of ẋ_I."""
         *stack, _, columns = plant_rows.shape
         whole = np.zeros((*stack, self.n_e, columns), dtype=plant_rows.dtype)
         whole[..., PLANT, :] = plant_rows
@@ -89,9 +89,9 @@ def error_vertices(
 ) -> Vertices:
     """Return the vertices of a T-S model for ē = (e, x_I) with the integral (Remark 2), else for e.
 
-    With a `common_multiplier` all dropped premises of A share one multiplier, as in the printed Theorem 2, and so do
-    those of E; otherwise each has its own, which is less conservative. Entries are floats, or exact with `rationals`,
-    computed from the robot parameters.
+    With a `common_multiplier` all dropped premises of A share one multiplier, as in the printed Theorem 2, and all
+    those of E another; otherwise each has its own, which is less conservative. Entries are floats or, with `rationals`,
+    exact; they are computed from the robot parameters.
     """
     polytope = model.polytope_in(rational) if rationals else model.polytope
     terms, B = polytope.uncertainties, model.B
@@ -117,6 +117,6 @@ def tracking_vertices(
 
 
 def _stacked(terms: list[Uncertainty]) -> Uncertainty:
-    """Return Hᵀ Δ W of terms of one matrix with one multiplier."""
+    """Return several terms Hᵀ Δ W of one matrix as a single term with one multiplier."""
     names = tuple(name for term in terms for name in term.premises)
     return Uncertainty(names, terms[0].on, *(np.vstack([getattr(term, part) for term in terms]) for part in "HW"))

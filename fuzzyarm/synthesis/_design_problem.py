@@ -2,17 +2,17 @@
 
     minimise g or γ²:   P11 >= f I,   [[g I, M_jk], [M_jkᵀ, P11]] >= 0,   (Ψ_ijk + Ψ_jik)/2 <= -μ I,   likewise Φ
 
-in the units of `Scaling`, for all i <= j, k: stacks, see `Vertices.midpoints`. So |K_jk| = |M_jk P11⁻¹| <= (g/f)^(1/2).
-Where γ is given and the gains are minimised f = 1; where the gains are bounded f > 0 is a variable and g = bound² f.
+in the units of `Scaling`, as stacks for all i <= j and k (`Vertices.midpoints`). So |K_jk| = |M_jk P11⁻¹| <= √(g/f). If
+γ is given and the gains are minimised, f = 1; if the gains are bounded, f > 0 is a variable and g = bound² f.
 
-*Unit of V.* V = c V̂ with P = c P̂, M = c M̂, ...: Ψ is congruent to c times itself at P̂, M̂, ..., c^(1/2) z and c γ². c is
-a parameter, like α, β and the bound of the gains, so one compiled problem serves all designs of a structure.
+*Unit of V.* With V = c V̂, P = c P̂, M = c M̂, ..., Ψ is congruent to c times Ψ at P̂, M̂, ..., c^(1/2) z and c γ². The
+unit c is a parameter, like α, β and the bound on the gains, so one compiled problem serves all designs of a structure.
 
-*Rows that no vertex changes.* Only the rows b of E_k ẋ = A_i x + B u + B d, those of q̇, depend on a vertex or on the
-torques; the others, a, read ẋ_a = N x + D_a w. Adding S_a S_aᵀ times the rows of ẋ to those of x makes them redundant,
-and most of the slack with them: Q = S_b Q_b and X = S_b X_b S_bᵀ are left, S_a and S_b the columns a and b of the
-identity. The rows x, ẋ_b, w, z and uncertainties are negative definite for some Q_b and X_b if and only if Ψ is for
-some Q and X with the same P, M, L, τ. `_expanded` goes back.
+*Rows that no vertex changes.* In E_k ẋ = A_i x + B u + B d, only the rows b, those of q̇, depend on a vertex or on the
+torques; the other rows, a, are ẋ_a = N x + D_a w. Let S_a and S_b be the columns a and b of the identity. Adding
+S_a S_aᵀ times the rows of ẋ to the rows of x makes the rows ẋ_a redundant, and most of the slack, too: Q = S_b Q_b and
+X = S_b X_b S_bᵀ remain. The rows x, ẋ_b, w, z and uncertainties are negative definite for some Q_b and X_b if and only
+if Ψ is negative definite for some Q and X and the same P, M, L, τ. `_expanded` returns such Q and X.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 __all__ = ["CERTAIN", "PAPER_GAMMA", "DesignProblem", "NoPoint", "Point", "structure_of"]
 
 _MARGIN = 1e-4  # μ, far above the rounding errors of the solver
-_TOLERANCE = 0.01  # of the solver, as a share of the margin, so that its error stays far below the margin
+_TOLERANCE = 0.01  # solver tolerance as a share of the margin: the solver's error stays far below the margin
 # More threads are slower; the decomposition that keeps overlapping cliques apart has 40 % of the compact one's fill.
 CLARABEL = {
     **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), _TOLERANCE * _MARGIN),
@@ -58,15 +58,15 @@ CLARABEL = {
     "chordal_decomposition_compact": False,
 }
 CERTAIN = "PrimalInfeasible"
-"""The status with which the solver proves, to its full accuracy, that there is no point."""
+"""The solver's status if it has proven, to its full accuracy, that there is no point."""
 _INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
 
-# γ ties the unit c of V to P. In the consistent form c goes with σ/(γU)²; 0.37 of that gives the smallest gains with z1
-# kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's form 1e-4 at γ = 1000 suits every model.
+# γ ties the unit c of V to P. In the consistent form c is proportional to σ/(γU)²; the factor 0.37 gives the smallest
+# gains with z1 kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's form 1e-4 at γ = 1000 suits every model.
 _BEST_SCALE = {True: 0.37, False: 0.6}
 _PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
-_ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
-_DUST = 1e-9  # relative, of an entry of P or M that is zero within the solver's accuracy
+_ALPHA_RESOLUTION = 0.01  # relative resolution of the largest decay rate
+_DUST = 1e-9  # relative size below which an entry of P or M is zero within the solver's accuracy
 
 
 class NoPoint(ValueError):
@@ -74,10 +74,10 @@ class NoPoint(ValueError):
 
     Attributes:
         problem: the `DesignProblem`, with the solver's last values.
-        status: as the solver reports it.
-        margin: of the solver's last point, not positive; -inf without a point.
-        result: what the solver returned, None where it raised an error.
-        program: the cone program as cvxpy hands it over, b - A x in the cones `dims`.
+        status: the status reported by the solver.
+        margin: margin of the solver's last point, not positive; -inf without a point.
+        result: the result of the solver; None if the solver raised an error.
+        program: the cone program that cvxpy passes to the solver, b - A x in the cones `dims`.
         ray: z (rows,) in the cones with Aᵀz = 0 and bᵀz < 0, if the solver claims that there is no point, else None.
     """
 
@@ -106,12 +106,12 @@ class Point:
     slack: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
     margin: float  # recomputed from these values; the inequalities are <= -margin I in the units of `Scaling`
     largest_gain: float  # largest |K_jk| in these units
-    objective: float  # as the solver reports it: g, or γ² in units, or 0
-    status: str  # as the solver reports it
+    objective: float  # reported by the solver: g, or γ² in units, or 0
+    status: str  # reported by the solver
     variables: int  # scalar variables of the cone program
-    rows: int  # of its cones, upper triangles
-    compile_seconds: float  # to write and compile the problem, or to change its parameters [s]
-    solve_seconds: float  # of the solver and of recomputing the margin [s]
+    rows: int  # rows of its cones, counted for upper triangles
+    compile_seconds: float  # time to write and compile the problem, or to change its parameters [s]
+    solve_seconds: float  # time of the solver and of recomputing the margin [s]
 
 
 class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
@@ -121,7 +121,7 @@ class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
 
 
 def structure_of(specification: Specification) -> Specification:
-    """Return a specification's structure: one compiled problem serves all specifications with it, for the same arm."""
+    """Return a specification's structure; for one arm, all specifications with it can share a compiled problem."""
     values = {"alpha": 1.0, "gamma": 1.0, "gain_bound": 1.0, "fastest_pole": 2.0}
     given: dict[str, Any] = {name: one for name, one in values.items() if getattr(specification, name) is not None}
     return dataclasses.replace(specification, **given)
@@ -130,19 +130,19 @@ def structure_of(specification: Specification) -> Specification:
 class DesignProblem:
     """The inequalities of a specification as an open problem: add `constraints`, assign `objective`, and `solve`.
 
-    Vertices i, j of A and k of E count from 0, pairs by i, then j. n, n_e, N, N_e, p and m are those of `Controller`.
+    Vertices i, j of A and k of E count from 0; pairs are sorted by i, then j. n, n_e, N, N_e, p and m: `Controller`.
     P, M, L, Q, X, τ and γ² are affine expressions in SI units.
 
     Attributes:
         specification: the requirements.
         model: the T-S model.
-        pairs: (i, j) with i <= j, p of them.
-        alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another one.
+        pairs: the p pairs (i, j) with i <= j.
+        alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another rate.
         L: (N, N_e, 2, 6) in the paper's form, else empty.
-        inequalities: of the theorems, by name; "Psi" and "Phi" are stacks (p N_e, rows, rows), k fastest.
+        inequalities: inequalities of the theorems by name; "Psi" and "Phi" are stacks (p N_e, rows, rows), k fastest.
         floor: f, a number without unit.
-        constraints: all constraints, a list to add to.
-        objective: what is minimised, a `cvxpy.Minimize`; assign another one.
+        constraints: list of all constraints, to which more can be added.
+        objective: the objective, a `cvxpy.Minimize`, which can be replaced.
         written: the objective and the constraints of the specification.
     """
 
@@ -157,12 +157,12 @@ class DesignProblem:
         """State the problem without solving it.
 
         Args:
-            specification: the requirements; of gamma and gain_bound the one that is None is minimised.
-            parameters: the arm, default Table 1.
-            scale: size of P, relative to a value that suits most designs. It matters if the gains are minimised, which
-                are bounded through the smallest eigenvalue of P; otherwise it is only a unit.
-            vertex: write only the inequalities of this vertex of A: necessary conditions, without a controller. None
-                for all vertices.
+            specification: the requirements; whichever of gamma and gain_bound is None is minimised.
+            parameters: the arm, by default that of Table 1.
+            scale: size of P, relative to a value that suits most designs. It matters only if the gains are minimised,
+                since the smallest eigenvalue of P bounds them; otherwise it is just a unit.
+            vertex: the only vertex of A for which inequalities are written: necessary conditions, which give no
+                controller. None for all vertices.
         """
         given = self.specification = instance("specification", specification, Specification)
         arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
@@ -277,13 +277,13 @@ class DesignProblem:
         return self._M[tuple(at.ravel() for at in np.indices(self._M.shape[:2]))]
 
     def _mean_of(self, M: Any) -> Any:
-        """Return (M_ik + M_jk)/2, or the same of L, for every pair and k, a stack (p N_e, ...)."""
+        """Return (M_ik + M_jk)/2, or the same for L, for every pair and k, as a stack (p N_e, ...)."""
         return 0.5 * (M[self._i, self._k] + M[self._j, self._k])
 
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
-        """Return (Ψ_ijk + Ψ_jik)/2, or the same of Φ, in SI units with V in units of c: a stack (p N_e, rows, rows).
+        """Return (Ψ_ijk + Ψ_jik)/2, or the same for Φ, in SI units with V in units of c: a stack (p N_e, rows, rows).
 
-        `put` makes a matrix of the block rows; `of` reads a variable or parameter: itself, or its value.
+        `put` assembles a matrix from block rows; `of` returns a variable or parameter, or its value.
         """
         data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
         k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]
@@ -303,10 +303,10 @@ class DesignProblem:
         return theorems.error_psi(data, pair, k, **values)
 
     def _row_units(self, letter: str) -> np.ndarray:
-        """Return factors of the rows of Ψ or Φ, with which a large γ² in the rows w becomes one.
+        """Return factors for the rows of Ψ or Φ that reduce a large γ² in the rows w to one.
 
-        The solver's tolerance is relative to the largest constant. The rows w only become smaller, so a matrix that is
-        at most -μ I with these factors is also in plain units.
+        The solver's tolerance is relative to the largest constant. The factors only reduce the rows w, so a matrix that
+        is at most -μ I with the factors is also at most -μ I in plain units.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
@@ -317,7 +317,7 @@ class DesignProblem:
         return unit
 
     def _reduction(self, letter: str) -> np.ndarray:
-        """Return U, with which U Ψ Uᵀ has the rows x, ẋ_b, w, z and uncertainties, in units."""
+        """Return U such that U Ψ Uᵀ has the rows x, ẋ_b, w, z and uncertainties, in units."""
         unit, n = self._row_units(letter), len(self._scaling.state)
         S_a = np.delete(np.eye(n), VELOCITY, axis=1)
         T = np.eye(len(unit))
@@ -333,9 +333,9 @@ class DesignProblem:
         They are sufficient: m P11⁻¹ mᵀ <= bound² h and (P11⁻¹)_ss <= 1/h for the row m of M and a variable h.
 
         Args:
-            joint: of the torque, 0 or 1.
-            state: entry of ē: 0, 1 of the positions, 2, 3 of the velocities, 4, 5 of the integrals.
-            bound: in [N m/rad], [N m s/rad] or [N m/(rad s)].
+            joint: joint of the torque, 0 or 1.
+            state: index in ē: 0, 1 for positions, 2, 3 for velocities, 4, 5 for integrals.
+            bound: bound on the gain, in [N m/rad], [N m s/rad] or [N m/(rad s)].
         """
         n_e, s = self._data.n_e, self._scaling
         joint, state = whole("joint", joint, high=JOINTS - 1), whole("state", state, high=n_e - 1)
@@ -345,9 +345,9 @@ class DesignProblem:
         return [P11 >> h * np.outer(unit, unit), positive(half([[scaled**2 * h * np.eye(1)], [transposed(m), P11]]))]
 
     def pole_region(self, R: Any, S: Any) -> list[Any]:
-        """Return constraints that put the poles z of every frozen loop where R + z S + z* Sᵀ < 0, see the module.
+        """Return constraints that put the poles z of every frozen loop where R + z S + z* Sᵀ < 0 (`_pole_region`).
 
-        The proof of a controller file does not cover them: it proves α, γ and the fastest pole.
+        The proof of a controller file does not cover these: it proves α, γ and the fastest pole.
 
         Args:
             R: (s, s), symmetric [1/s].
@@ -375,28 +375,28 @@ class DesignProblem:
     # Solving ---------------------------------------------------------------------------------------------------------
 
     def solve(self, solver: str = "CLARABEL", **options: Any) -> Design:
-        """Return a controller that is proven from its stored gains, whatever the solver's status says.
+        """Return a controller that is proven from its stored gains, whatever the status of the solver.
 
         Args:
-            solver: name of an installed one that takes semidefinite problems.
-            options: of the solver, as `cvxpy.Problem.solve` takes them.
+            solver: name of an installed solver for semidefinite problems.
+            options: options of the solver, as for `cvxpy.Problem.solve`.
 
         Raises:
             DesignFailed: no point was found, or its proof fails.
             ValueError: the solver is not installed.
         """
-        from fuzzyarm.synthesis._designer import solved  # which searches with problems like this one
+        from fuzzyarm.synthesis._designer import solved  # it imports this module
 
         return solved(self, solver, options)
 
     def point(self, solver: str = cp.CLARABEL, **options: Any) -> Point:
-        """Return the point of the specification, with the largest decay rate if it leaves α open.
+        """Return the point of the specification, with the largest decay rate if α is not specified.
 
         α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. The options of the solver
-        are those that `cvxpy.Problem.solve` takes.
+        are those of `cvxpy.Problem.solve`.
 
         Raises:
-            NoPoint: none was found that is strictly feasible when recomputed from its values, whatever the status says.
+            NoPoint: no point was found that is strictly feasible when recomputed, whatever the status of the solver.
         """
         best, variables = self._point_at_alpha(solver, options), self._problem().variables()
         if self.specification.alpha is not None:
@@ -425,7 +425,7 @@ class DesignProblem:
         options = {**CLARABEL, **options} if solver == cp.CLARABEL else options
         problem = self._problem()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that it may be inaccurate: the margin decides
+            warnings.simplefilter("ignore", UserWarning)  # of an inaccurate point: the margin decides
             try:
                 program, chain, inverse = problem.get_problem_data(solver, solver_opts=options, canon_backend="SCIPY")
                 compiled = time.perf_counter()
@@ -479,9 +479,9 @@ class DesignProblem:
     def _expanded(self, letter: str, F: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the full X = S_b X_b S_bᵀ + ε S_a S_aᵀ and Q = S_b Q_b + S_a (N P - ε S_aᵀ), and τ.
 
-        After the congruence the rows ẋ_a have -2εI and are coupled only to w, through D_a. They cost D_aᵀ D_a / 2ε in
-        the rows w, half of the margin of R < 0 there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the
-        conditioning.
+        After the congruence, the rows ẋ_a have the diagonal block -2εI and are coupled only to w, through D_a. They
+        reduce the margin of the rows w by D_aᵀ D_a / 2ε, which is half of the margin of R < 0 there if
+        ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the conditioning.
 
         F is Ψ or Φ (p N_e, rows, rows) in units, and R = U F Uᵀ < 0.
         """
@@ -513,7 +513,7 @@ def _natural(given: Specification, scaling: Scaling) -> float:
 
 
 def _product(unit: np.ndarray, values: Any) -> Any:
-    """Return the product entry by entry, of cvxpy's expressions or of numbers."""
+    """Return the entry-by-entry product of `unit` and a cvxpy expression or numbers."""
     return cp.multiply(unit, values) if isinstance(values, cp.Expression) else unit * values
 
 

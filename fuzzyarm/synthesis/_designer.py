@@ -43,12 +43,12 @@ class Design:
     """A proven controller, and the time and size of its computation.
 
     Attributes:
-        controller: ready to be saved.
-        certificate: of its inequalities, all proven.
+        controller: the controller, ready to be saved.
+        certificate: certificate of the controller's inequalities, all proven.
         solve_seconds: time of the search for a solution [s].
         proof_seconds: time of the proof [s].
         variables: decision variables of the cone program.
-        rows: of its cones, upper triangles.
+        rows: rows of its cones, counted for upper triangles.
     """
 
     controller: Controller
@@ -64,8 +64,8 @@ def design(specification: Specification, parameters: ArmParameters | None = None
 
     Args:
         specification: the requirements.
-        parameters: the arm, default Table 1.
-        explain: whether to look for the requirement to relax if there is no point, which takes many more solves.
+        parameters: the arm, by default that of Table 1.
+        explain: whether to search for the requirement to relax if there is no point, which takes many more solves.
 
     Raises:
         DesignFailed: no provable point was found.
@@ -79,7 +79,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
 
 
 def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Design:
-    """Solve an open problem, see `DesignProblem.solve`."""
+    """Return the design of an open problem; see `DesignProblem.solve`."""
     installed = cp.installed_solvers()
     if solver not in installed:
         raise ValueError(f"solver = {shown(solver)} is not installed; installed: {listed(installed)}")
@@ -112,7 +112,7 @@ def _proven(
     package: str = "clarabel",
     problem: DesignProblem | None = None,
 ) -> Design:
-    """Return the design of a point; DesignFailed, with the problem, states the margin that is missing.
+    """Return the design of a point; DesignFailed states by how much its proof fails, and contains the problem.
 
     The other arguments are those of `to_controller`.
     """
@@ -144,8 +144,8 @@ def to_controller(
 ) -> Controller:
     """Return the controller of a point of the inequalities, not yet proven.
 
-    `objective` says in words what was minimised, None for the specification's own; the version of `package` is
-    recorded.
+    `objective` states in words what was minimised (None: the objective of the specification); the version of `package`
+    is recorded.
     """
     P, M, paper = 0.5 * (point.P + point.P.T), point.M, specification.form == "paper"
     n_e = M.shape[-1]
@@ -181,7 +181,7 @@ def to_controller(
 
 
 def describe(result: Design) -> str:
-    """Return a readable text on the solved problem and the controller."""
+    """Return a readable description of the solved problem and the controller."""
     controller, certificate = result.controller, result.certificate
     model = controller.model
     dropped = [name for u in model.uncertainties for name in u.premises]

@@ -1,6 +1,6 @@
-"""The block matrices of the theorems as cvxpy expressions, as `proof.block_matrix` builds them from numbers.
+"""The block matrices of the theorems as cvxpy expressions; `proof.block_matrix` builds them from numbers.
 
-A stack of matrices is one expression (..., r, c) and one constraint, whatever its length, and compiles in milliseconds.
+A stack of matrices of any length is one expression (..., r, c) and one constraint, and compiles in milliseconds.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def _times(scale: Any, matrix: Any) -> Any:
 
 
 def half(lower: list[list[Any]]) -> Any:
-    """Return F, one matrix or a stack, with F + Fᵀ = `block_matrix.symmetric` of these rows: half as much to compile.
+    """Return F, one matrix or a stack, with F + Fᵀ = `block_matrix.symmetric(lower)`: half as much to compile.
 
-    F has the blocks below the diagonal as they are, those on it halved, and zeros above.
+    The blocks of F below the diagonal are those of `lower`, those on the diagonal are halved, and those above are 0.
     """
     sizes = [row[-1].shape[-1] for row in lower]
     stack = np.broadcast_shapes(*(one.shape[:-2] for row in lower for one in row if not isinstance(one, int)))
@@ -45,7 +45,7 @@ def half(lower: list[list[Any]]) -> Any:
             np.zeros((*stack, size, columns)) if isinstance(entry, int) else wide(entry)
             for entry, columns in zip(entries, sizes, strict=True)
         ]
-        joined: list[Any] = []  # neighbours that are numbers are one block
+        joined: list[Any] = []  # adjacent blocks of numbers are joined
         for block in blocks:
             if joined and isinstance(block, np.ndarray) and isinstance(joined[-1], np.ndarray):
                 joined[-1] = np.concatenate([joined[-1], block], axis=axis + 1)

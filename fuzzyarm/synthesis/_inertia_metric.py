@@ -1,12 +1,12 @@
-"""The scheduled inertia M̂ and the constants D_low, D_high of a robot, proposed for a small κ, by programs over samples.
+"""Scheduled inertia M̂ and constants D_low, D_high of a robot with a small κ, proposed by programs over samples.
 
     minimise κ:    D_low <= D <= D_high,    M̂ <= near + Jᵀ D_low J,    near + Jᵀ D_high J <= κ M̂
 
-at sampled angles, see `_Samples`. κ M̂ is bilinear: with κ and M̂' of the previous step, one minimises t in
-near + Jᵀ D_high J <= κ M̂ + t M̂', which is a semidefinite program, and uses the κ of its solution (Dinkelbach).
-Only samples whose constraint is nearly active are in the program; those that its solution violates most are added.
-Then the bounds of the samples are moved to the worst angles that a search finds, so that the proof needs little
-widening. None of this is a proof; `inertia_bounds` proves the bounds.
+at sampled angles; see `_Samples`. Because κ M̂ is bilinear, each step solves a semidefinite program instead: minimise t
+in near + Jᵀ D_high J <= κ M̂ + t M̂', with κ and M̂' from the previous step, and take κ from the solution (Dinkelbach).
+The program contains only samples with nearly active constraints; those that its solution violates most are added.
+Finally the bounds are moved to the worst angles that a search finds, so that they need little widening for the proof.
+None of this is a proof; `inertia_bounds` proves the bounds.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _svec(matrix: np.ndarray) -> np.ndarray:
 
 
 def _symmetric_units(size: int) -> np.ndarray:
-    """Return a basis of the symmetric matrices (s, s): one entry and its mirror image are the number 1."""
+    """Return a basis of the symmetric matrices (s, s): in each, one entry and its mirror image are 1, others 0."""
     row, column = np.tril_indices(size)
     units = np.zeros((len(row), size, size))
     every = np.arange(len(row))
@@ -50,10 +50,10 @@ def _symmetric_units(size: int) -> np.ndarray:
 def _minimise(
     sizes: dict[str, int], families: list[tuple[np.ndarray, dict[str, np.ndarray]]], sign: float = 1.0
 ) -> dict[str, np.ndarray] | None:
-    """Return the variables, by name, that minimise `sign` times the last one; None without an answer.
+    """Return the variables, by name, that minimise `sign` times the last one; None if the solver has no answer.
 
-    `sizes` are the numbers of entries of the variables. A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and
-    by name F_k (B, size, s, s), left out where 0.
+    `sizes` are the numbers of entries of the variables. A family of constraints is F_0 + Σ x_k F_k >= 0 at B samples:
+    F_0 (B, s, s) and, by name of the variable, F_k (B, size, s, s), omitted where it is 0.
     """
     rows, b, cones = [], [], []
     for constant, parts in families:
@@ -82,9 +82,9 @@ class _Samples:
     """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles."""
 
     q: np.ndarray  # angles (B, n) [rad]
-    near: np.ndarray  # of the links up to a, with the rotors, (B, n, n) [kg m²]
-    twist: np.ndarray  # J (B, 6 + n - a, n), from q̇ to the twist of link a in its own frame and the rates beyond
-    distal: np.ndarray  # D (B, 6 + n - a, 6 + n - a), of the links beyond; of no size without a split
+    near: np.ndarray  # inertia of the links up to a, with the rotors, (B, n, n) [kg m²]
+    twist: np.ndarray  # J (B, 6 + n - a, n), from q̇ to the twist of link a in the frame of link a and the rates beyond
+    distal: np.ndarray  # D (B, 6 + n - a, 6 + n - a), inertia of the links beyond; empty without a split
 
     @classmethod
     def of(cls, robot: Robot, split: int, count: int) -> _Samples:
@@ -99,7 +99,7 @@ class _Samples:
         return cls(q, whole - np.swapaxes(twist, 1, 2) @ distal @ twist, twist, distal)
 
     def inertia(self, distal: np.ndarray | None = None) -> np.ndarray:
-        """Return M̄ (B, n, n) [kg m²], with a constant (6 + n - a, 6 + n - a) in place of D if one is given."""
+        """Return M̄ (B, n, n) [kg m²]; a constant `distal` (6 + n - a, 6 + n - a) replaces D."""
         D = self.distal if distal is None else distal
         return np.asarray(self.near + np.swapaxes(self.twist, 1, 2) @ D @ self.twist)
 
@@ -131,14 +131,14 @@ def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray) -> float:
-    """Return the smallest value found of a function from angles (B, d) in `ranges` (d, 2) [rad] to values (B,)."""
+    """Return the smallest value that a search finds of a function from angles (B, d) [rad] in `ranges` to (B,)."""
     q = _angles_in(ranges, 3000, seed=1)
     values = function(q)
     best = np.argsort(values)[:40]
     q, values = q[best], values[best]
     d = len(ranges)
     directions = np.concatenate([np.eye(d), -np.eye(d)])
-    step = 0.2  # rad, halved where no step helps
+    step = 0.2  # rad, halved if no step lowers a value
     for _ in range(25 if d else 0):
         tried = np.clip(q[:, np.newaxis] + step * directions, ranges[:, 0], ranges[:, 1])
         found = function(tried.reshape(-1, d)).reshape(len(q), -1)
@@ -151,13 +151,13 @@ def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.nda
     return float(values.min())
 
 
-_ROUNDS = 20  # programs that are solved for one schedule at most
-_FIRST = 24  # samples to begin with
-_ADDED = 5  # of each constraint and round
-_FLOOR_ROUNDS, _FLOOR_COST = 4, 2e-3  # and the share by which κ and the rates may rise for a larger floor
-_SHARES = (1.0, 0.6, 0.3, 0.1)  # of the way from the best M̂ so far to an answer of the program
-_ACTIVE = 0.02  # smallest eigenvalue of a constraint in scaled coordinates that keeps its sample in the program
-_CLOSE = 2e-3  # what κ might still fall by, relative, at which the search ends
+_ROUNDS = 20  # largest number of programs solved for one schedule
+_FIRST = 24  # samples in the first program
+_ADDED = 5  # samples added for each constraint in a round
+_FLOOR_ROUNDS, _FLOOR_COST = 4, 2e-3  # rounds; relative rise of κ and the rates that is allowed for a larger floor
+_SHARES = (1.0, 0.6, 0.3, 0.1)  # shares of the way from the best M̂ so far to the answer of a program
+_ACTIVE = 0.02  # a sample stays in the program while the smallest eigenvalue of a scaled constraint is below this
+_CLOSE = 2e-3  # relative decrease of κ still possible below which the search ends
 
 
 def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
@@ -167,7 +167,7 @@ def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
 
 
 def _lowest(*values: np.ndarray) -> frozenset[int]:
-    """Return the samples at which values (B,) are smallest, `_ADDED` of each."""
+    """Return the samples with the `_ADDED` smallest values in each array (B,)."""
     return frozenset(int(k) for one in values for k in np.argsort(one)[:_ADDED])
 
 
@@ -193,16 +193,16 @@ class _Search:
         self.far = self.near if self.distal else frozenset()
 
     def schedule(self, weights: np.ndarray) -> None:
-        """Add a premise: rules of weights (B, N), each with the inertia of the rule it came from."""
+        """Add a premise: N rules with weights (B, N), each with the inertia of the rule from which it was split."""
         copies = weights.shape[1] // len(self.inertia)
         self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
     def run(self, rounds: int = _ROUNDS) -> None:
         """Iterate until the samples in the program allow no smaller κ; the result holds for all samples.
 
-        The M̂, D_low and D_high that reach a κ are a convex set. If a solution of the program violates other samples, a
-        point between it and the best one so far may not. So κ never rises, neither from step to step nor with more
-        rules.
+        The M̂, D_low and D_high that reach a given κ form a convex set. If a solution of the program violates the
+        constraints at other samples, a point between this solution and the best one so far may satisfy them. So κ never
+        rises, neither from step to step nor with more rules.
         """
         self.kappa, best = self._settled(), self._proposal
         self._add_violated()
@@ -223,8 +223,8 @@ class _Search:
     def raise_floor(self, slopes: list[np.ndarray]) -> None:
         """Raise the smallest eigenvalue of M̂ as far as slightly larger κ and rates μ_k allow.
 
-        Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ. `slopes`
-        are ∂h/∂q_k (B, N) [1/rad] of each kept angle.
+        Many M̂ have the same κ; a larger floor σ gives a smaller gain γ/σ between Euclidean norms. `slopes` are
+        ∂h/∂q_k (B, N) [1/rad] for each kept angle.
         """
         largest = (1.0 + _FLOOR_COST) * self.kappa
         rates, best = [(1.0 + _FLOOR_COST) * self.rate(slope) for slope in slopes], copy.copy(self)
@@ -271,9 +271,9 @@ class _Search:
         self.inertia, self.low, self.high = values
 
     def _settled(self) -> float:
-        """Move D_low and D_high until all samples allow them, and scale M̂ until it touches the lower inertia.
+        """Shift D_low and D_high until they bound D at all samples, and scale M̂ until it touches the lower inertia.
 
-        Returns κ of all samples, inf where M̂ or the lower inertia is not positive definite.
+        Return κ over all samples; inf if M̂ or the lower inertia is not positive definite at a sample.
         """
         if self.distal:
             below, above = self._distal_gaps()
@@ -289,7 +289,7 @@ class _Search:
     def _shares(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the smallest eigenvalues of the lower inertia and the largest of the upper one, relative to M̂, (B,).
 
-        If an M̂ is not positive definite, both are its smallest eigenvalue instead.
+        If M̂ is not positive definite at a sample, both are the smallest eigenvalues of M̂ instead.
         """
         scheduled = self.scheduled()
         least = np.linalg.eigvalsh(scheduled)[:, 0]
@@ -304,7 +304,7 @@ class _Search:
         return [np.linalg.eigvalsh(gap)[:, 0] for gap in (D - self.low, self.high - D)]
 
     def _add_violated(self) -> None:
-        """Add the samples to the program that violate its constraints most."""
+        """Add to the program the samples that violate its constraints most."""
         low, high = self._shares()
         self.near |= _lowest(low) | (_lowest(1.0 - high / self.kappa) if high is not low else frozenset())
         if self.far:
@@ -323,7 +323,7 @@ class _Search:
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
     def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
-        """Set S_r to those with the largest σ in σ I <= M̂ that keep κ and the rates within bounds at some samples."""
+        """Set S_r for the largest σ in σ I <= M̂ with κ and the rates within bounds at the program's samples."""
         near = sorted(self.near)
         hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
@@ -340,9 +340,9 @@ class _Search:
             self.inertia = np.tensordot(found["inertia"].reshape(-1, len(self.units)), self.units, axes=1)
 
     def _step(self) -> float:
-        """Solve the program of some samples and adopt its S_r and, unless they are fixed, its D_low and D_high.
+        """Solve the program at its samples, and adopt its S_r and, unless they are fixed, its D_low and D_high.
 
-        Returns a bound on the decrease of κ, -t; 0 if the solver has no answer.
+        Return a bound on the decrease of κ, -t; 0 if the solver has no answer.
         """
         near, far = sorted(self.near), sorted(self.far)
         distal = self.distal_units if far else self.distal_units[:0]
@@ -370,9 +370,9 @@ class _Search:
         return -float(found["t"][0])
 
 
-_UNSPLIT = 4  # joints of a robot whose chain needs no split
+_UNSPLIT = 4  # most joints of a chain without a split
 _FAR = 3  # most angles beyond the split
-_SCREENED, _FINALISTS = 2, 4  # rounds for all candidates, and the number of them that are searched to the end
+_SCREENED, _FINALISTS = 2, 4  # rounds for every candidate; number of candidates that are searched to the end
 _BLENDS = 11  # schedules tried between one with fewer premises and the one with the smallest κ
 _STEP = 1e-5  # rad, of central differences
 _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
@@ -382,23 +382,23 @@ _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 class Metric:
     """Proposed bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
 
-    premises: tuple[Premise, ...]  # the kept ones
+    premises: tuple[Premise, ...]  # the kept premises
     split: int  # a
     inertia: np.ndarray  # S_r, (N, n, n)
     distal_low: np.ndarray  # D_low
     distal_high: np.ndarray  # D_high
-    kappa: float  # κ of the angles searched
-    floor: float  # σ, likewise
-    rates: np.ndarray  # μ_k, likewise, (premises,)
+    kappa: float  # κ at the angles searched
+    floor: float  # σ at these angles
+    rates: np.ndarray  # μ_k at these angles, (premises,)
 
 
 def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, count: int) -> Metric:
-    """Return the metric found for premises and a decay rate α [1/s], by `count` samples.
+    """Return the metric found for premises and a decay rate α [1/s] from `count` samples.
 
-    Its κ and (3κ - 2)(α + μ) are no larger than with only the first ones of the premises.
+    Its κ and (3κ - 2)(α + μ) are no larger than those for only the first of the premises.
     """
     n = split = len(robot)
-    if n > _UNSPLIT:  # two or three angles from the end, and no kept one beyond
+    if n > _UNSPLIT:  # two or three angles from the end, with no kept angle beyond
         split = max([min(n - 2, _UNSPLIT), n - _FAR, *(premise.joint + 1 for premise in premises)])
     search = _searched(robot, premises, alpha, split, count)
     search.raise_floor(_slopes(premises, search.samples.q))
@@ -410,7 +410,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
         distal, scale = TrigMatrix(inertia_polynomial(robot, split, n)), 1.0 / np.sqrt(np.diag(unit))
 
         def gap(bound: np.ndarray, sign: float) -> float:
-            """Return the smallest eigenvalue of sign (D - bound) in `unit`, 0 at most."""
+            """Return the smallest eigenvalue of sign (D - bound) in `unit`, at most 0."""
 
             def least(q: np.ndarray) -> np.ndarray:
                 scaled = sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale
@@ -435,9 +435,9 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
 
 
 def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count: int) -> Premise:
-    """Return the premise of another joint with the smallest (3κ - 2)(α + μ) [1/s] beside those kept.
+    """Return the premise of a further joint that gives the smallest (3κ - 2)(α + μ) [1/s] together with those kept.
 
-    It is found at `count` samples, without a split of the chain.
+    The search uses `count` samples and does not split the chain.
     """
     left = sorted({*range(1, len(robot))} - {premise.joint for premise in kept})
     candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
@@ -450,7 +450,7 @@ def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count
 
 
 def _searched(robot: Robot, premises: tuple[Premise, ...], alpha: float, split: int, count: int) -> _Search:
-    """Return the search for these premises, added one by one, at `count` samples of a chain that is split there."""
+    """Return the search for these premises, added one by one, at `count` samples of a chain split at `split`."""
     search = _Search(_Samples.of(robot, split, count))
     search.run()
     for number in range(1, len(premises) + 1):
@@ -462,10 +462,10 @@ def _searched(robot: Robot, premises: tuple[Premise, ...], alpha: float, split: 
 def _with_premise(
     search: _Search, robot: Robot, premises: tuple[Premise, ...], alpha: float, rounds: int = _ROUNDS
 ) -> tuple[_Search, float]:
-    """Return a search with one more premise, the last one, and its (3κ - 2)(α + μ) [1/s] at samples.
+    """Return a search with the last of `premises` added, and its (3κ - 2)(α + μ) [1/s] at the samples.
 
-    The smallest κ may cost a large μ. On the line to it from the previous M̂, κ never exceeds its previous value; the
-    M̂ with the smallest product is taken, which is no larger than before.
+    The M̂ with the smallest κ may have a large μ. On the line from the previous M̂ to it, κ never exceeds its previous
+    value; the M̂ on this line with the smallest product is chosen, and the product is no larger than before.
     """
     q = search.samples.q
     before = copy.copy(search)

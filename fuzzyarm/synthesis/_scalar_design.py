@@ -1,7 +1,6 @@
-"""Feedback k of a scheduled controller by the inequalities of its certificate, in the unit 1/(α + μ) of time.
+"""Feedback k of a scheduled controller from the inequalities of its certificate, with 1/(α + μ) as unit of time.
 
-There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that value reduces γ
-twentyfold.
+There is a solution for every β above (3κ - 2)(α + μ). Towards this limit γ grows without bound.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from fuzzyarm.synthesis._expressions import half, negative, positive
 
 __all__ = ["Feedback", "best_feedback", "feedback_for_gamma", "smallest_pole"]
 
-_GAMMA_SLACK = 1.001  # of γ over the solver's, so that the inequalities hold strictly
-_STRICT = 2e-4  # of the rates, likewise
-_MOST = 50.0  # fastest pole over the smallest one, where the search for a given γ gives up
+_GAMMA_SLACK = 1.001  # factor on the solver's γ, so that the inequalities hold strictly
+_STRICT = 2e-4  # relative margin of the rates, for the same reason
+_MOST = 50.0  # largest fastest pole in the search for a given γ, in smallest possible poles
 _CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"max_threads": 1}
 
 
@@ -42,7 +41,7 @@ class Feedback:
 def _compiled(thread: int) -> cp.Problem:
     """Return the problem: minimise γ² over P (3, 3) and m (1, 3); the parameters are 1/κ and β/(α + μ).
 
-    Each thread has its own, since its parameters are set and its point is read.
+    Each thread has its own problem, since it sets the parameters and reads the point.
     """
     P = cp.Variable((SCALAR_STATES, SCALAR_STATES), symmetric=True, name="P")
     m, gamma2 = cp.Variable((1, SCALAR_STATES), name="m"), cp.Variable(name="gamma2")
@@ -65,7 +64,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
     asked, found = problem.param_dict, problem.var_dict
     asked["share"].value, asked["pole"].value = 1.0 / kappa, (1.0 - _STRICT) * fastest_pole / rate
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # that it may be inaccurate: the inequalities decide
+        warnings.simplefilter("ignore", UserWarning)  # cvxpy's warning of an inaccurate point: the inequalities decide
         try:
             problem.solve(solver=cp.CLARABEL, canon_backend="SCIPY", **_CLARABEL)
         except cp.SolverError:

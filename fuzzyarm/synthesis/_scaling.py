@@ -5,8 +5,8 @@ matrices of the arm are of order one. The decision variables are numbers of orde
 
     P: T Tᵀ,   M: U Tᵀ,   L: U V⁻ᵀ,   Q: σ T Tᵀ,   X: T R⁻ᵀ,   τ_l: n_l²/σ,
 
-and the rows of Ψ times `rows`: a congruence, which changes no solution. V = xᵀ P⁻¹ x has a unit c of its own, see
-`DesignProblem`.
+and the rows of Ψ are multiplied by `rows`: a congruence, which changes no solution. V = xᵀ P⁻¹ x has its own unit c;
+see `DesignProblem`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["Scaling"]
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """The units of a design problem, see the module."""
+    """The units of a design problem; see the docstring of the module."""
 
     time: float  # σ [rad/s], the pole of the paper's reference model
     state: np.ndarray  # T, (n,)
@@ -40,9 +40,9 @@ class Scaling:
 
     @classmethod
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
-        """Choose the units for an arm by the geometric mean of each joint's inertia and the mean inertia.
+        """Return the units for an arm, based on the geometric mean of each joint's inertia and the mean inertia.
 
-        Units by each joint's inertia alone favour equal bandwidths of both joints; units without it, equal stiffness.
+        The joint's inertia alone would favour equal bandwidths of both joints, the mean inertia alone equal stiffness.
         """
         arm, time = arm_constants(parameters), REFERENCE_POLE
         inertia = np.array(parameters.motor_inertia) + np.array([arm.c1, arm.c3])
@@ -61,7 +61,7 @@ class Scaling:
 
     @property
     def rows(self) -> np.ndarray:
-        """Factors (rows,) of the rows of Ψ: x, ẋ, w, z and the uncertain terms; of d they are V σ^(-½) [N m s^½]."""
+        """Factors (rows,) of the rows of Ψ: x, ẋ, w, z and the uncertain terms; those of d are V σ^(-½) [N m s^½]."""
         root = np.sqrt(self.time)
         terms = np.repeat(root / self.uncertainty, self.terms)
         return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])
@@ -73,7 +73,7 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return n_l, which makes H R and W T (σ W T for E) equally large; in the paper's form W also acts on x_r."""
+    """Return the n_l that makes H R and W T (σ W T for E) equally large; in the paper's form W also acts on x_r."""
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):
         reads.append((term.W if term.on == "A" else term.W @ data.A_r) * state)

@@ -1,4 +1,4 @@
-"""From a robot of any number of joints to a proven controller of the form "semidefinite"."""
+"""The design of a proven controller of the form "semidefinite" for a robot with any number of joints."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ __all__ = ["ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "d
 
 _MOST_JOINTS = 7  # more would need more than one split of the chain
 
-_CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
-_POLE_FACTOR = 1.5  # fastest pole over the smallest one where neither it nor γ is asked for
+_CONTROL_PERIOD = 1e-3  # s, for the margins by which a decay rate is chosen
+_POLE_FACTOR = 1.5  # default fastest pole, in smallest possible ones, if γ is not specified either
 _SAMPLES = 2000
-"""Sampled angles that the bounds of the inertia are fitted to."""
-_SEARCH_SAMPLES = 400  # for the choice of a premise
-# Shares by which the bounds of the samples are widened, one after the other, until the proof goes through.
+"""Number of sampled angles to which the bounds on the inertia are fitted."""
+_SEARCH_SAMPLES = 400  # sampled angles for the choice of a premise
+# Shares by which the bounds from the samples are widened, in turn, until the proof succeeds.
 _WIDENINGS = (2e-3, 1e-2, 4e-2)
 
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledSpecification:
-    """The requirements of a design. Without γ and fastest pole, that pole is 1.5 times the smallest possible one.
+    """The requirements of a design; without γ and fastest pole, the pole is 1.5 times the smallest possible one.
 
-    The theorem is about the rigid arm in continuous time, and the bounds of the inertia decide how fast its poles must
-    be for a decay rate. Without `alpha` the decay rate is the largest of `ALPHAS` with which the loop on the elastic
-    arm, sampled at 1 kHz, is stable with twice its gain and with one sample of delay, at random postures. If none of
-    them is stable, it is the last one.
+    The theorem holds for the rigid arm in continuous time, and the bounds on the inertia determine how fast the arm's
+    poles must be for a decay rate. Without `alpha`, the decay rate is the largest of `ALPHAS` for which the loop on the
+    elastic arm, sampled at 1 kHz, is stable at random postures with twice its gain and with one sample of delay. If
+    there is no such rate, it is the last of `ALPHAS`.
 
     Attributes:
         premises: the kept premises; None to find the best ones automatically.
         rules: 1, 2, 4, 8 or 16, doubled by each premise; ignored if `premises` are given.
         alpha: decay rate [1/s]; None for the largest with margins on the sampled elastic arm.
-        gamma: bound of the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
-        fastest_pole: bound of the decay rate from above [1/s]; None for the smallest with this γ.
+        gamma: bound on the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
+        fastest_pole: upper bound on the decay rate [1/s]; None for the smallest with this γ.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -83,8 +83,8 @@ class ScheduledDesign:
     """A proven controller, and the times of its computation.
 
     Attributes:
-        controller: ready to be saved.
-        certificate: of all its claims, proven.
+        controller: the controller, ready to be saved.
+        certificate: certificate of all claims of the controller, all proven.
         metric_seconds: time of the search for premises and inertia [s].
         proof_seconds: time of the proof [s].
     """
@@ -96,7 +96,7 @@ class ScheduledDesign:
 
 
 def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> ScheduledDesign:
-    """Return a controller of a robot for a specification, proven from its stored numbers.
+    """Return a controller of a robot for a specification, proven from the numbers that it stores.
 
     Raises:
         DesignFailed: no provable controller was found.
@@ -137,7 +137,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
 def _chosen(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float
 ) -> ScheduledController:
-    """Return the controller with the specified decay rate, or with the largest one that has margins."""
+    """Return the controller with the specified decay rate or, without one, with the largest rate that has margins."""
     if specification.alpha is not None:
         return _controller(specification, robot, metric, widening, specification.alpha)
     places, found, reason = places_of(robot, _CONTROL_PERIOD), None, None
@@ -157,7 +157,7 @@ def _chosen(
 def _controller(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float, alpha: float
 ) -> ScheduledController:
-    """Return the controller for a metric with bounds widened by a share, and a decay rate α [1/s]."""
+    """Return the controller for a decay rate α [1/s] and a metric with bounds widened by the share `widening`."""
     inertia = (1.0 - widening) * metric.inertia
     kappa = _rounded(metric.kappa * (1.0 + 2.0 * widening), math.ceil)
     floor = _rounded(metric.floor * (1.0 - 3.0 * widening), math.floor)
@@ -211,7 +211,7 @@ def _rounded(value: float, towards: Callable[[float], int], digits: int = 5) -> 
 
 
 def describe_scheduled(result: ScheduledDesign) -> str:
-    """Return a readable text on the controller and the proof."""
+    """Return a readable description of the controller and the proof."""
     c, certificate = result.controller, result.certificate
     kept = ", ".join(premise.name for premise in c.premises) or "none"
     rate = schedule_rate(c)

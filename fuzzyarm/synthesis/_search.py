@@ -1,7 +1,7 @@
-"""The search for a solution of a specification and, if there is none, for the requirement to relax.
+"""The search for a point that meets a specification or, if there is no such point, for the requirement to relax.
 
 Problems are compiled once for each structure and arm (`structure_of`) and kept, since changing parameters takes a
-millisecond, and compiling a tenth of a second.
+millisecond, but compiling a tenth of a second.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification, gamma_f
 
 __all__ = ["best_point", "why_infeasible"]
 
-_FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # on the unit of V, tried in turn where the first is infeasible
+_FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # factors on the unit of V, tried in turn until a point is found
 _KEPT = 8  # compiled problems
-_MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
-_MOST_SEARCHED = 4  # rules up to which a limit is searched for with the whole model; a design with 32 takes ten seconds
-_STRICT = 0.5  # share of the γ that is usual for an arm, below which γ is the first suspect
-_LESS = 0.25  # factor on a number of the arm that may be in the way
+_MANY = 4  # rules from which one infeasible vertex rules out a scale: 0.02 to 2 s instead of up to a minute
+_MOST_SEARCHED = 4  # most rules for a search for a limit with the whole model; a design with 32 takes ten seconds
+_STRICT = 0.5  # share of the arm's usual γ below which γ is relaxed before α
+_LESS = 0.25  # factor on a number of the arm that may cause the infeasibility
 _LOOSEST = 1e6  # γ of the consistent form in the units of an arm, far above any use
-# Of a limit: its name and the end of the range of the values that work, in words, their format and unit; the factor
-# between the values that are tried, and the resolution of the bisection that follows, relative.
+# For each limit: its name in words, which end of the range of feasible values is sought, the format and unit of values;
+# the factor between the values that are tried, and the relative resolution of the bisection that follows.
 _LIMITS = {
     "fastest_pole": ("fastest_pole", "smallest", ".3g", " 1/s", 2.0, 0.05),
     "gain_bound": ("the gain bound", "smallest", ".3g", " N m/rad", 1.5, 0.1),
@@ -41,10 +41,10 @@ _LIMITS = {
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, or why there is none; with `vertex`, only for that vertex of A.
+    """Return the point of a specification, or why there is no point; with `vertex`, only for that vertex of A.
 
-    The scales of V are tried in turn. In the paper's form γ is lowered as long as there is a point, because the cone
-    program that minimises γ² is too badly scaled there: d and r are decades apart.
+    The scales of V are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a cone
+    program that minimises γ² would be too badly scaled, since d and r differ by decades.
     """
     if specification.gamma is None and specification.form == "paper":
         best, gamma, ratio = None, PAPER_GAMMA, 4.0
@@ -68,12 +68,12 @@ def best_point(specification: Specification, arm: ArmParameters, vertex: int | N
 
 
 def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
-    """Return the solver's proof, if it gives one, that a single vertex of a large model already has no point.
+    """Return the solver's proof that a single vertex of a large model already has no point; None without a proof.
 
-    Further vertices are tried only if the first has neither a point nor a proof that there is none. A free γ is bounded
-    by `_LOOSEST`, because the solver rarely proves infeasibility if the only limit is the objective.
+    Further vertices are tried only if the first has neither a point nor such a proof. A free γ is bounded by
+    `_LOOSEST`, because the solver rarely proves infeasibility if the only limit is the objective.
     """
-    if 1 << len(specification.kept) < _MANY:  # which are solved as quickly as they are refuted
+    if 1 << len(specification.kept) < _MANY:  # small models are solved as quickly as refuted
         return None
     if specification.gamma is None:
         specification = dataclasses.replace(specification, gamma=_LOOSEST / _units(arm).stiffness)
@@ -97,7 +97,7 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
 
 @functools.lru_cache(_KEPT)
 def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> DesignProblem:
-    """Return a problem of a structure; each thread has its own, since its parameters are set and its point is read."""
+    """Return a problem of a structure; each thread has its own, since it sets the parameters and reads the point."""
     return DesignProblem(structure, arm, vertex=vertex)
 
 
@@ -113,8 +113,8 @@ def _nearest_feasible(
 ) -> float | None:
     """Return the feasible value of a limit that is nearest to the specified one, with the others unchanged.
 
-    The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
-    gains; α [1/s] falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
+    The search raises the fastest pole up to a thousandfold, γ up to a millionfold and the gain bound up to ten times
+    the smallest gains, and lowers α [1/s] to `_slowest_tried`. None if all of these fail or the limit is not given.
     """
     found = None
 
@@ -144,7 +144,7 @@ def _nearest_feasible(
     }[name]
     factor, resolution = _LIMITS[name][-2:]
     if fails(start) and (factor * start - limit) * (factor - 1.0) <= 0.0:
-        # The bisection follows what fails, from `start` on; each number found to work is nearer than the one before.
+        # The bisection moves away from `start`, which fails; each feasible value is nearer to it than the one before.
         last_that_works(fails, start, factor * start, resolution=resolution, limit=limit)
     return found
 
@@ -155,11 +155,11 @@ def _slowest_tried(specification: Specification) -> float:
 
 
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
-    """Return the specification in words, the first limit that is enough to relax alone, and by how much.
+    """Return the specification in words, the first limit that suffices if relaxed alone, and the value it needs.
 
-    The fastest pole is tried first, then γ if it is much stricter than `gamma_for` the arm, α, the gain bound and γ.
-    If a single vertex of a large model is already infeasible, its limit is named, which takes only seconds. The number
-    of the arm that is in the way is named too, if there is one.
+    The limits are tried in this order: fastest pole, γ if it is much stricter than `gamma_for` the arm, α, gain bound,
+    γ. If a single vertex of a large model is already infeasible, only that vertex is considered, which takes seconds.
+    If a change of a single number of the arm would suffice, the message also names this number.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}
@@ -197,7 +197,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
 
 
 def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
-    """Return, in words, that the premises kept by default would do; "" if they would not, or are kept already."""
+    """Return the advice to keep the default premises; "" if these do not suffice or are kept already."""
     kept = tuple(sorted({*specification.kept, *DEFAULT_KEPT}))
     wanted = dataclasses.replace(specification, kept=kept)
     if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):
@@ -206,7 +206,7 @@ def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
 
 
 def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:
-    """Return, in words, with which single number of the arm changed there is a point; "" if none is enough."""
+    """Return the advice to change a single number of the arm so that there is a point; "" if no change suffices."""
     slower = tuple(_LESS * speed for speed in arm.velocity_limit)
     heavier = tuple(inertia / _LESS for inertia in arm.motor_inertia)
     changed: dict[str, dict[str, Any]] = {

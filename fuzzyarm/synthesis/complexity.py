@@ -4,13 +4,13 @@ The paper counts, with N vertices of A, N_e of E, n_x states, n_d disturbances a
 
     N_var = 6 + n_x (1 + 3N² + N_e N² + n_d),        N_row = 6 n_x (1 + N N_e) + n_x N (8 n_x N + N_e n_u),
 
-the reading that reproduces all eight numbers of Table 2. That is a formula, not the size of the semidefinite program.
-For n, n_e and n_r columns of P, M and L, m uncertain terms of r rows in all and N(N + 1)/2 pairs i <= j one counts
+in the reading that reproduces all eight numbers of Table 2. This is not the size of the semidefinite program: with n,
+n_e and n_r columns of P, M and L, m uncertain terms with r rows in total and N(N + 1)/2 pairs i <= j, the program has
 
     variables:  |P| + N N_e n_u (n_e + n_r) + N(N + 1)/2 (2n² + N_e m) + 1,
     rows:       n + N(N + 1)/2 N_e (2n + n_w + n_z + r).
 
-The solved problem is smaller, see `design_problem`; `Design` has its size.
+The problem that is solved is smaller, see `_design_problem`; `Design` states its size.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Size:
 
 
 def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int = 2) -> _Size:
-    """Return N_var and N_row of Remark 4; N is half the number of rules where z1 is kept."""
+    """Return N_var and N_row of Remark 4; N is half the number of rules if z1 is kept."""
     return _Size(
         variables=6 + n_x * (1 + 3 * N**2 + N_e * N**2 + n_d),
         rows=6 * n_x * (1 + N * N_e) + n_x * N * (8 * n_x * N + N_e * n_u),
@@ -41,9 +41,9 @@ def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int 
 
 
 def full_size(data: Vertices, *, gains_bounded: bool = False) -> _Size:
-    """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as Theorems 1 and 2 state them, L free.
+    """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as in Theorems 1 and 2 with L free.
 
-    With `gains_bounded` [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is added, and the variable is g, not γ².
+    With `gains_bounded`, [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is added, and g replaces γ² as a variable.
     """
     paper, n_e, N_e, pairs = isinstance(data, TrackingVertices), data.n_e, len(data.E), len(data.pairs)
     blocks = (n_e, PLANT_STATES) if paper else (n_e,)

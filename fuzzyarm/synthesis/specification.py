@@ -15,37 +15,37 @@ from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT
 __all__ = ["ALPHAS", "FIRST_ALPHA", "PAPER_WEIGHT", "Specification", "gamma_for"]
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
-"""Decay rates [1/s] that are tried where none is asked for, one after the other."""
+"""Decay rates [1/s] that are tried in turn if no decay rate is specified."""
 
 PAPER_WEIGHT = (1e-5, 1e-5, 1.0, 1.0)
 """Diagonal of the paper's Q, section 6.2."""
 
 FIRST_ALPHA = 1.0
-"""Where the search for the largest decay rate begins [1/s]."""
+"""Decay rate [1/s] at which the search for the largest one begins."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Specification:
-    """The requirements of a design. Of `gamma` and `gain_bound` the one that is None is minimised.
+    """The requirements of a design; whichever of `gamma` and `gain_bound` is None is minimised.
 
     Attributes:
         kept: premises kept as fuzzy rules.
         form: "consistent" or "paper" (theorems 1 and 2).
-        alpha: decay rate [1/s], in `controller.RATES`; None for the largest one, which needs gamma and gain_bound.
-        gamma: bound of the L2 gain, in `controller.GAINS`; [rad/(N m)] in the consistent form.
-        gain_bound: bound of the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1 in scaled units, so
-            that the position gain of joint 1 stays below it and the others in proportion to their units.
+        alpha: decay rate [1/s], in `controller.RATES`; None for the largest one, which requires gamma and gain_bound.
+        gamma: bound on the L2 gain, in `controller.GAINS`; [rad/(N m)] in the consistent form.
+        gain_bound: bound on the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1 in scaled units, so
+            that joint 1's position gain stays below the bound, and the other gains in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
-        common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it; otherwise one each.
+        common_multiplier: whether all dropped premises of A share one multiplier, as printed in Theorem 2; otherwise
+            each has its own.
         feedforward: L of the paper's form as a share in [0, 1] of the consistent form's L. All shares need the same
-            gains within 0.3 %, so the default is the smallest. None leaves L to the solver, which makes it far too
-            large for the arm.
-        fastest_pole: bound β [1/s] of the decay rate from above, so that the real part of every pole of the frozen
-            rigid loop lies between -β and -alpha; None for no bound. Consistent form only.
+            gains within 0.3 %, so the default is the smallest. With None, the solver chooses a far too large L.
+        fastest_pole: upper bound β [1/s] on the decay rate, so that the real part of every pole of the frozen rigid
+            loop lies between -β and -alpha; None for no bound. Consistent form only.
 
     Raises:
-        TypeError: a value is not of its type.
-        ValueError: a value is out of range, or more than one of alpha, gamma and gain_bound is left open.
+        TypeError: a value has the wrong type.
+        ValueError: a value is out of range, or more than one of alpha, gamma and gain_bound is None.
     """
 
     kept: tuple[str, ...] = DEFAULT_KEPT
@@ -108,8 +108,8 @@ class Specification:
 def gamma_for(arm: ArmParameters, alpha: float = ALPHAS[0], gamma: float = 2e-4) -> float:
     """Return the γ [rad/(N m)] that is as strict for an arm as `gamma` is for Table 1 at the first of `ALPHAS`.
 
-    It is γ I₁/I · max(1, 20/α), to two digits, where I is the mean of the joints' largest inertias with their rotors
-    and I₁ that of Table 1; α is in 1/s.
+    It is γ I₁/I · max(1, 20/α), to two significant digits, where I is the mean of the joints' largest inertias with
+    their rotors and I₁ is that of Table 1; α is in 1/s.
     """
     factor = _inertia(ArmParameters()) / _inertia(arm) * max(1.0, ALPHAS[0] / alpha)
     return float(f"{gamma * factor:.2g}")
