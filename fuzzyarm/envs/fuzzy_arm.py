@@ -71,7 +71,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Rewards
     Computed from the state after the step: reward = tracking · (1 - 0.1 effort), with tracking = 1/(1 + tip error /
-    5 mm) and effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²)/2, both in `info`. Each reward is above 0 and below 1.
+    5 mm) and effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²)/2, both in `info`. Each reward is at least 0 and below 1.
 
     ## Starting state
     The arm is at rest, with the links on the reference at t = 0 and the motors at the static deflection under the

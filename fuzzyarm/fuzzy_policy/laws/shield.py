@@ -3,7 +3,7 @@
     u = u_f + clip(π - u_f, ±δ),      u_f the torque of the law within the motors' limits, π the torque of the guest.
 
 Where π is not a number, u = u_f. Since |u - u_f| <= δ whatever the guest does, a proof for the law with any additional
-torque of that size holds for every guest, see `docs/theory/tip.md`. The law receives no data from the guest. A guest
+torque of that size holds for every guest, see `docs/theory/shield.md`. The law receives no data from the guest. A guest
 that integrates an error, or predicts the arm under its own torque, receives u; otherwise it would wind up.
 """
 
