@@ -23,6 +23,9 @@ SPEED = np.gradient(ANGLE, TIME, axis=0)
 TORQUE = np.stack([2.0 * np.cos(4.0 * TIME), np.sign(np.sin(9.0 * TIME))], axis=1)
 
 
+MEASURED = "pos_meas1,pos_meas2,vel_meas1,vel_meas2"
+
+
 def table(heading="time,q1,q2,tau1,tau2", delimiter=",", columns=None, mark=".", end="\n"):
     """The text of the log, by default as evenly stamped seconds, radians and N m."""
     rows = np.column_stack([TIME, ANGLE, TORQUE] if columns is None else columns)
@@ -88,10 +91,29 @@ TEXTS = {
         "timestamp,pos_meas0,pos_meas1,vel_meas0,vel_meas1,tau_meas0,tau_meas1,pos_des0,pos_des1",
         columns=[TIME, ANGLE, SPEED, TORQUE, 9.0 * ANGLE],
     ),
-    "measured beside filtered, velocities, commands": table(
-        "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,pos_filt1,pos_filt2,tau_con1,tau_con2,tau_fric1,tau_fric2,tau_meas1,"
-        "tau_meas2",
-        columns=[TIME, ANGLE, SPEED, 0.9 * ANGLE, 3.0 * TORQUE, 0.1 * TORQUE, TORQUE],
+    # The headings of the 37 recorded logs of the double pendulum, and one of an older version of them.
+    "DFKI, velocities": table("time,pos1,pos2,vel1,vel2,tau1,tau2", columns=[TIME, ANGLE, SPEED, TORQUE]),
+    "DFKI, velocities, spaces": table("time, pos1, pos2, vel1, vel2, tau1, tau2", columns=[TIME, ANGLE, SPEED, TORQUE]),
+    "DFKI, velocities, 15 columns": table(
+        f"time,{MEASURED},pos_filt1,pos_filt2,vel_filt1,vel_filt2,tau_con1,tau_con2,tau_fric1,tau_fric2,tau_meas1,tau_meas2",
+        columns=[TIME, ANGLE, SPEED, 0.9 * ANGLE, 0.9 * SPEED, 3.0 * TORQUE, 0.1 * TORQUE, TORQUE],
+    ),
+    "DFKI, velocities, 21 columns": table(
+        f"time,{MEASURED},pos_filt1,pos_filt2,vel_filt1,vel_filt2,pos_des1,pos_des2,vel_des1,vel_des2,tau_con1,tau_con2,"
+        "tau_fric1,tau_fric2,tau_meas1,tau_meas2,tau_des1,tau_des2",
+        columns=[
+            TIME,
+            ANGLE,
+            SPEED,
+            0.9 * ANGLE,
+            0.9 * SPEED,
+            1.1 * ANGLE,
+            1.1 * SPEED,
+            3.0 * TORQUE,
+            0.1 * TORQUE,
+            TORQUE,
+            2.0 * TORQUE,
+        ],
     ),
     "joints by name": table("time,shoulder_position,elbow_position,shoulder_effort,elbow_effort"),
     "as PlotJuggler": table(
