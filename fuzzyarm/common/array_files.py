@@ -141,4 +141,4 @@ def _check_values(name: str, array: np.ndarray) -> None:
         if np.any((points > 0x10FFFF) | ((points >= 0xD800) & (points <= 0xDFFF))):
             raise ValueError(f"{name[:40]!r} contains text that is not valid Unicode")
     if array.dtype.kind == "b" and np.any(np.frombuffer(array.tobytes(), dtype=np.uint8) > 1):
-        raise ValueError(f"{name[:40]!r} contains a boolean that is neither true nor false")
+        raise ValueError(f"{name[:40]!r} contains an invalid boolean: a byte other than 0 or 1")

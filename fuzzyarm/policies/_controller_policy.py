@@ -70,6 +70,6 @@ def _check_arm(name: str, designed: AnyArm, arm: AnyArm) -> None:
         values = designed.to_dict()
         differing = [key for key, value in arm.to_dict().items() if values[key] != value]
         raise ControllerFileError(
-            f"{name} was designed for another robot ({', '.join(differing)} differ): give that robot (robot=, "
+            f"{name} was designed for another robot (different: {', '.join(differing)}): give that robot (robot=, "
             "--robot), or design a controller for this one with fuzzyarm design --robot FILE"
         )

@@ -52,7 +52,7 @@ class OnnxPolicy(Policy):
             import onnxruntime
         except ImportError:
             raise ValueError(
-                "onnxruntime, which runs onnx: models, is not installed; run in the repository: "
+                "onnxruntime, which runs policies onnx:FILE, is not installed; run in the repository: "
                 'pip install -c constraints.txt -e ".[onnx]"'
             ) from None
         try:

@@ -258,7 +258,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     sampled = SampledLaw(policy, references)
     if claim.laps == "ever" and not sampled.repeats(schedule.steps):
         raise NoBound(
-            "the law remembers references for longer than a lap, so that its second lap differs from its third; choose "
+            "this law remembers references for longer than a lap, so its second and third laps differ; choose "
             "laps = one"
         )
     _, info = FuzzyArmEnv(claim.case, reference=reference, **argument_of(parameters)).reset()
@@ -329,7 +329,7 @@ def find_bound(
             f"{filled:.4g}; allowed: at most 1"
         )
     if claims is not None and len(claims) != len(laps):
-        raise NoBound(f"{name}: the file has {len(claims)} laps; needed: {len(laps)}")
+        raise NoBound(f"{name}: the file contains {len(claims)} laps, but the proof needs {len(laps)}")
     first = {field.name: getattr(laps[0], field.name) for field in dataclasses.fields(_Lap)}
     seconds = time.perf_counter() - begin
     return TipBound(**first, claim=claim, arm=problem.parameters, seconds=seconds, later=tuple(laps[1:]))

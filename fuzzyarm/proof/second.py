@@ -504,7 +504,7 @@ class _Friction:
             return 0.0
         if self.plan == "slip":
             if not (low if self.side > 0 else -high) > 0.0:
-                raise _Refused(f"the file says that motor {j + 1} turns, but it may stop")
+                raise _Refused(f"the file says that motor {j + 1} keeps turning, but it may stop")
             falling, rising = plant.slopes(j, *sorted((abs(low), abs(high))))
             bent = max(abs(falling + self.slope), abs(rising + self.slope)) + self.uncertain * max(-falling, rising)
             return (self.missed + bent * tube_v) * _UP

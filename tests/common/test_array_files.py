@@ -86,7 +86,7 @@ BAD = {
     "a shape beyond all numbers": (lambda: archive(header((10**400, 0))), "damaged"),
     "a negative shape": (lambda: archive(header((-2, -1)) + bytes(16)), "has 16 bytes; needed: "),
     "no Unicode": (lambda: archive(header((), "<U1") + b"\x00\xd8\x00\x00"), "no Unicode"),
-    "neither true nor false": (lambda: archive(header((), "|b1") + b"\x07"), "neither true nor false"),
+    "neither true nor false": (lambda: archive(header((), "|b1") + b"\x07"), "an invalid boolean"),
     "objects": (lambda: archive(header((), "|O") + b"\x07"), "has the type object; save arrays of numbers"),
     "an npy file": (npy, "does not end as a zip archive must"),
     "nothing": (lambda: b"", "too short"),

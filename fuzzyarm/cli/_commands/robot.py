@@ -109,7 +109,7 @@ def _ask(model: Path, lacking: Lacking) -> None:
     """Print what a model lacks, and typical values with their sources."""
     from fuzzyarm.envs.physics.from_model import UNITS, typical
 
-    say(f"{model} does not give:\n" + "\n".join(f"  {line}" for line in str(lacking).splitlines()))
+    say(f"{model} does not specify:\n" + "\n".join(f"  {line}" for line in str(lacking).splitlines()))
     for robot, values, sources in typical(lacking.quantities):
         say(f"\ntypical values, from {robot}, joint by joint from the base:")
         for quantity, numbers in values.items():

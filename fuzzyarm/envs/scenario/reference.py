@@ -148,7 +148,7 @@ class PathReference(Reference):
         if not isinstance(self.path, TipPath):
             raise TypeError(
                 f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., "
-                f"{size}), see fuzzyarm.envs.scenario.paths.TipPath"
+                f"{size}); see fuzzyarm.envs.scenario.paths.TipPath"
             )
         checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)

@@ -200,7 +200,9 @@ def open_dataset(folder: str | Path) -> Any:
     except (AttributeError, TypeError, ValueError):
         raise DocumentError(f"{path} does not state its origin; write the data set again") from None
     if schema != _SCHEMA:
-        raise DocumentError(f"{path} has the version {shown(schema)}; this package reads {_SCHEMA}: write it again")
+        raise DocumentError(
+            f"{path} has the format {shown(schema)}; this package reads {_SCHEMA}. Write the data set again"
+        )
     return dataset
 
 

@@ -259,7 +259,7 @@ class Affine:
         """Return floats that enclose the number from both sides; `NoBound` if it is unbounded."""
         radius = self.reach() + self.rest
         if not abs(self.middle) + radius < math.inf:
-            raise NoBound("a number inside the law has no finite bound")
+            raise NoBound("no finite bound was found for an intermediate value of the law")
         if radius > 0.0:
             radius = radius * _UP + _ROUND * abs(self.middle)
         return self.middle - radius, self.middle + radius
@@ -400,8 +400,7 @@ class _Undecided:
 
     def __bool__(self) -> bool:
         raise NoBound(
-            "a comparison of the law is undecided: either of two numbers may be the larger one, such as a torque and "
-            "its limit"
+            "the law compares two numbers, such as a torque and its limit, but on the tube either may be larger"
         )
 
     def __and__(self, other: Any) -> Any:
@@ -476,7 +475,7 @@ class _Places:
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
         """Map the values, combined with others; `NoBound` if these depend on another floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
-            raise NoBound("the law looks up a table by two numbers, and the rows of both are undecided")
+            raise NoBound("the law looks up a table at two numbers, and the tube determines the row of neither")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
         return _Places(self.source, map(operation, self.values, *columns))
 
@@ -484,7 +483,7 @@ class _Places:
         return self.each(operator.neg)
 
     def __bool__(self) -> bool:
-        raise NoBound("the law rounds a number to a whole number, and the result is undecided")
+        raise NoBound("the law rounds a number, and the tube does not determine the result")
 
     __float__ = __bool__
 

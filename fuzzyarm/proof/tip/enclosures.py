@@ -40,7 +40,7 @@ def middle_of(x: Any) -> float:
     """Return a float near the middle of a ball; ValueError where the ball is not finite."""
     value = float(x.mid())
     if not math.isfinite(value) or not x.is_finite():
-        raise ValueError("a number of the proof has no finite enclosure")
+        raise ValueError("no finite enclosure was found for a number in the proof")
     return value
 
 

@@ -97,7 +97,7 @@ class Period:
             except PlanFails as failed:
                 certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
                 plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
-        raise NoBound("no combination of friction plans is consistent")
+        raise NoBound("no combination of friction plans fits the tube")
 
     def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
         if friction == "any":

@@ -58,7 +58,7 @@ class SampledLaw:
         law = law_of(policy)
         if law is None:
             raise NoBound(
-                f"there is no bound for {shown(type(policy).__name__)}, which has no `Law`; choose a fuzzy policy or "
+                f"there is no bound for {shown(type(policy).__name__)}: it defines no `Law`; choose a fuzzy policy or "
                 "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
             )
         self._law, self._references, self._joints = law, references, policy.joints
@@ -112,9 +112,7 @@ class SampledLaw:
         numbers, own = [*_numbers((after,))], set(self.remembered.tolist())
         for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
             if place not in own and (isinstance(number, Affine) or number != held):
-                raise NoBound(
-                    "the part of the law's memory that depends on references alone differs from that of a separate run"
-                )
+                raise NoBound("the part of the law's memory that depends on references alone differs in a separate run")
         return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
 
 
@@ -139,7 +137,7 @@ def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
         rest += missed
     rest *= ROUND_UP
     if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
-        raise NoBound("the torque or the memory of the law has no finite enclosure")
+        raise NoBound("no finite enclosure was found for the law's torque or memory")
     beside = rest > WORTH * total  # worth columns; the rest of the others is a box
     columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
     return Response(middle, columns, np.where(beside, 0.0, rest))

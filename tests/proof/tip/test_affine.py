@@ -158,8 +158,8 @@ def test_a_whole_number_that_is_not_decided_has_several_values():
         (lambda x: 1.0 if x == 0.0 else 2.0, "undecided"),
         (lambda x: 1.0 if x else 2.0, "undecided"),
         (lambda x: select((x > 0.0) & (x > -1.0), x, 0.0), "undecided"),
-        (lambda x: x * 1e200 * 1e200 > 0.0, "has no finite bound"),
-        (lambda x: (x * 1e200 * 1e200) * 0.0, "has no finite bound"),
+        (lambda x: x * 1e200 * 1e200 > 0.0, "no finite bound"),
+        (lambda x: (x * 1e200 * 1e200) * 0.0, "no finite bound"),
     ],
 )
 def test_a_choice_that_is_not_decided_has_no_bound(jump, reason):
