@@ -36,7 +36,7 @@ MISTAKES = [
     ("evaluate now", "unexpected argument now; see fuzzyarm evaluate --help"),
     ("evaluate --policy nobody", "choose from: fuzzy-32, fuzzy-16"),
     ("evaluate --policy missing.json", "missing.json"),
-    ("evaluate --policy fuzzy-4 --robot arm.toml", "designed for another robot (mass differ)"),
+    ("evaluate --policy fuzzy-4 --robot arm.toml", "designed for another robot (different: mass)"),
     ("evaluate --case nowhere --out a/b/c", "choose from: nominal, machining, payload"),
     ("evaluate --case nominal --case nominal", "--case ['nominal', 'nominal'] must be one or more different"),
     ("evaluate --seeds 0", "--seeds 0 is out of range; allowed: 1, 2, 3"),

@@ -153,11 +153,11 @@ def test_a_whole_number_that_is_not_decided_has_several_values():
 @pytest.mark.parametrize(
     ("jump", "reason"),
     [
-        (lambda x: select(x > 0.0, 1.0, 2.0), "undecided"),
-        (lambda x: sign(x), "undecided"),
-        (lambda x: 1.0 if x == 0.0 else 2.0, "undecided"),
-        (lambda x: 1.0 if x else 2.0, "undecided"),
-        (lambda x: select((x > 0.0) & (x > -1.0), x, 0.0), "undecided"),
+        (lambda x: select(x > 0.0, 1.0, 2.0), "either may be larger|does not determine"),
+        (lambda x: sign(x), "either may be larger|does not determine"),
+        (lambda x: 1.0 if x == 0.0 else 2.0, "either may be larger|does not determine"),
+        (lambda x: 1.0 if x else 2.0, "either may be larger|does not determine"),
+        (lambda x: select((x > 0.0) & (x > -1.0), x, 0.0), "either may be larger|does not determine"),
         (lambda x: x * 1e200 * 1e200 > 0.0, "no finite bound"),
         (lambda x: (x * 1e200 * 1e200) * 0.0, "no finite bound"),
     ],
