@@ -265,7 +265,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     if claim.start is not None:
         claim.start.columns(joints, 4 * joints + sampled.memory, sampled.memory)
-    margin = reals("margin", guest, joints, "N m", above=0.0) if guest else ()
+    margin = reals("margin", guest, joints, "N m", above=0.0) if guest else (0.0,) * joints
     return Problem(parameters, start, reference, schedule, PERIOD, sampled, claim.plants, plant, claim.start, margin)
 
 

@@ -67,7 +67,7 @@ def simulated(
         measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[number] for sample in samples])
         seen = np.hstack([measured, np.repeat(table.references[k : k + 1], len(samples), axis=0)])
         asked, memory = policy.predict(seen, memory)
-        asked = np.array(asked, dtype=float) + np.array(problem.guest or (0.0, 0.0)) * np.array(
+        asked = np.array(asked, dtype=float) + np.array(problem.guest) * np.array(
             [sample.guest[number] for sample in samples]
         )
         acting = asked if waiting is None or not plants.late else waiting

@@ -115,10 +115,9 @@ class Problem:
     law: SampledLaw  # the policy, sample by sample
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
-    box: StartBox | None = None  # about the start, in which the first lap begins; None: in the start itself
-    # δ (2,) [N m] by which a guest moves the law's torque at every sample, empty for none; the motors' limits apply
-    # afterwards
-    guest: tuple[float, ...] = ()
+    box: StartBox | None  # about the start, in which the first lap begins; None: in the start itself
+    # δ (2,) [N m] by which a guest moves the law's torque at every sample; the motors' limits apply afterwards
+    guest: tuple[float, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -343,7 +342,7 @@ class Tube:
         state.memory = answer.middle[n:]
         radius = z.totals()[states : states + n]
         # With |u_f| below a limit, the limited u_f + w is u_f + w' with |w'| <= |w|: the guest may reach the limit.
-        radius -= (1.0 - SLACK) * np.array(self.problem.guest or 0.0)
+        radius -= (1.0 - SLACK) * np.array(self.problem.guest)
         for joint, limit in enumerate(self._limits):
             if not abs(torque[joint]) + radius[joint] < limit:
                 raise NoBound(
