@@ -25,7 +25,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 __all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "distinct", "tabulated"]
 
 MAX_ACCELERATION = 1e4  # rad/s², bound on the reference's acceleration in the observation space
-_CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
+_CHECKED_INSTANTS = 501  # evenly spaced instants at which a reference is checked against a plant
 
 _Item = TypeVar("_Item")
 
