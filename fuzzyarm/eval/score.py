@@ -1,7 +1,7 @@
 """The score of a policy on a held-out set, used to rank policies in a challenge.
 
 Each episode follows a held-out path, on an arm with random masses, springs and friction, under one of four loads. With
-the tip error d of each millisecond, until the reference ends,
+the tip error d in each millisecond, until the reference ends,
 
     S = mean of 1 - ln(1 + d/s)/ln(1 + R/s),   s = 10 µm, R = 0.2 m, 0 where d > R and after an early end,
     N = 100 (S - S_c) / (S_o - S_c),

@@ -33,7 +33,7 @@ _SavedArrays = dict[str, np.ndarray]
 
 
 def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
-    """Return copies of the arrays of a state named in `like`; they must be finite, with its types and shapes."""
+    """Return copies of the arrays named in `like`; types and shapes must be those in `like`, and floats finite."""
     checks.instance("state", state, dict)
     arrays: _SavedArrays = {}
     for name, own in like.items():

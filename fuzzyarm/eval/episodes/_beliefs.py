@@ -55,9 +55,9 @@ class Believing:
         return "; ".join(said)
 
     def rows(self) -> np.ndarray:
-        """Return the recorded numbers (samples, `names`), or `NO_BELIEFS` for a policy without beliefs.
+        """Return the recorded values (samples, `names`), or `NO_BELIEFS` for a policy without beliefs.
 
-        A number that is not finite is replaced by nan, and so is every number after the filter diverges.
+        A value that is not finite is replaced by nan, and so is every value after the filter diverges.
         """
         return np.array(self._rows) if self.names else NO_BELIEFS
 
@@ -85,7 +85,7 @@ class Believing:
 
 
 def _columns_of(part: str, count: int) -> list[str]:
-    """Return the names of the `count` numbers of an estimate: ``payload``, ``force_x``, ``stiffness_1``, ..."""
+    """Return the column names of an estimate with `count` entries: ``payload``, ``force_x``, ``stiffness_1``, ..."""
     if part in _SINGLE:
         return [part]
     return [f"{part}_{end}" for end in ("xyz"[:count] if part == "force" else range(1, count + 1))]

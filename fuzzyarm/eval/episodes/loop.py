@@ -48,7 +48,7 @@ def episodes(
     actuate: Callable[[np.ndarray], np.ndarray] | None = None,
     memory: Any = None,
 ) -> Iterator[Step]:
-    """Run one episode, or one of each lane, until the last of them has ended.
+    """Run one episode, or one in each lane, until the last of these has ended.
 
     Args:
         env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another environment with the same `step`; a lane of a

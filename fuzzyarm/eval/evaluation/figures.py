@@ -90,7 +90,7 @@ _MOTOR_CIRCULARITY = _Panel("motors' circularity,\nas if rigid", "mm", lambda r:
 
 @functools.cache
 def _time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
-    """Return the panels of each figure over time, by its name, for an arm with n joints."""
+    """Return the panels of each figure over time, keyed by figure name, for an arm with this many joints."""
     each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
     return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, each, strict=True))

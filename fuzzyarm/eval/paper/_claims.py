@@ -1,6 +1,6 @@
 """All numbers of the paper that are compared with ours.
 
-``claims.json`` holds the paper's values, the tolerances for drift of ours, and the reasons for differences, with
+``claims.json`` contains the paper's values, the tolerances for drift of ours, and the reasons for differences, with
 measured numbers. Its groups are ``statements`` (the reference, the cases, the inequalities and the gains), ``table_2``
 (the size of the design problem by number of rules) and ``rollouts`` (the three cases).
 """

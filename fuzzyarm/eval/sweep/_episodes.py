@@ -34,7 +34,7 @@ class SweepResults:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays by the names that they have in files."""
+        """All arrays, by their names in files."""
         return {"plants": self.plants, **self.metrics, "seconds": self.seconds, "completed": self.completed}
 
     @classmethod

@@ -197,9 +197,9 @@ class SweepConfig:
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
-        """Return the configuration with some fields given, and with defaults that fit them.
+        """Return the configuration with the fields `given`, and with defaults that fit them.
 
-        With a grid nothing else varies and each cell has one plant; for a robot the policies are `ANY_ROBOT`.
+        By default, with a grid nothing else varies and a cell has one plant; for a robot the policies are `ANY_ROBOT`.
         """
         defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
         if given.get("robot") is not None:

@@ -176,7 +176,7 @@ def _noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
 
 
 def _weights_of(logarithms: np.ndarray) -> AdaptiveWeights:
-    """Return the weights of logarithms (9,) in `_BOX`, rounded."""
+    """Return the rounded weights with these logarithms (9,), ordered as `_BOX`."""
     return AdaptiveWeights(**dict(zip(_BOX, rounded(np.exp(logarithms), _DIGITS), strict=True)))
 
 

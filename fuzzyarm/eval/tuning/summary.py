@@ -46,7 +46,7 @@ _WORDS = {  # and unit, by the name of a number
 
 
 def decision(finding: Finding) -> str:
-    """Return one line with the numbers chosen for a policy, or with the reason why it was left out."""
+    """Return one line with the parameters chosen for a policy, or with the reason why it was left out."""
     if finding.chosen is None:
         return f"left out. {finding.notes[-1] if finding.notes else ''}".rstrip()
     usual = _USUAL.get(finding.policy)
