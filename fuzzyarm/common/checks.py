@@ -185,7 +185,7 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
 
 
 def all_finite(array: np.ndarray) -> bool:
-    """Return whether all numbers of an array are finite; for small arrays, testing their sum is faster."""
+    """Return whether all numbers of an array are finite; for small arrays, a test of the sum is faster than NumPy's."""
     few = array.size <= _FEW and math.isfinite(sum(array.ravel().tolist()))
     return few or bool(np.isfinite(array).all())
 

@@ -1,6 +1,6 @@
 """Reading of JSON and TOML files into typed, checked records.
 
-A record is a dataclass; its fields and their types are the schema. A file holds data only: its content is parsed and
+A record is a dataclass; its fields and their types are the schema. A file contains only data: its content is parsed and
 checked against these types, and nothing in it is run or imported.
 
 Only regular files are read, no larger than a limit, with at most `_MOST_VALUES` values, without duplicate keys, and no

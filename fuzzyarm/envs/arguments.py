@@ -32,7 +32,7 @@ _RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")  # keys t
 
 
 def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
-    """Return the given disturbance, or that of the named case for this arm."""
+    """Return the given disturbance, or the one that the named case has for this arm."""
     if disturbance is None:
         return case_for(case, arm).disturbance
     checks.instance("disturbance", disturbance, Disturbance)

@@ -137,7 +137,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     value for all lanes or a sequence with one per lane, and so may `case`, `disturbance`, `reference` and
-    `initial_state` in ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is the number of
+    `initial_state` in ``reset(options=...)``, which apply to the episodes that it begins. `threads` is the number of
     threads that share a step (default: one per 1,024 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, and where it contains None, the

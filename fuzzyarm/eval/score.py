@@ -45,7 +45,7 @@ _GROUPS = ("no load", "machining", "push", "payload and noise")
 in between a fifth and a half of the motion; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the
 encoders. Training on the registered task never draws the last two."""
 ANCHORS = ("computed-torque", "learned-observer")
-"""The policies whose N are 0 and 100."""
+"""The policies that define N = 0 and N = 100."""
 _RESOLUTION, _LOST = 1e-5, 0.2  # s and R [m]
 _EACH = 32  # episodes of a group
 _PERIOD = 1e-3

@@ -41,7 +41,7 @@ class Kernels:
     def step(self) -> Kernel:
         """Hold torques in every lane for one control step.
 
-        The kernel's arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers,
+        The kernel's arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (entries,
         lanes). Its constants are control period [s], sub-step [s] and number of sub-steps; its table is the schedule.
         """
         physics, Row = self.layout.physics, self._row
@@ -68,8 +68,8 @@ class Kernels:
     def begin(self) -> Kernel:
         """Begin an episode in every lane.
 
-        The kernel's arrays are values, clock, the draws (numbers, lanes), `Given` and the initial states (lanes,
-        numbers), observations and `Results` (numbers, lanes). Its constants are the ranges of the draws; its tables are
+        The kernel's arrays are values, clock, the draws (entries, lanes), `Given` and the initial states (lanes,
+        entries), observations and `Results` (entries, lanes). Its constants are the ranges of the draws; its tables are
         plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing

@@ -127,7 +127,7 @@ class Lanes:
 
     @property
     def table(self) -> np.ndarray:
-        """The stacked schedules (rows, numbers of a row) of all episodes."""
+        """The stacked schedules (rows, entries of a row) of all episodes."""
         return self._assigned.tables.table
 
     def numbers(self, rows: slice) -> np.ndarray:

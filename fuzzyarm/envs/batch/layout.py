@@ -1,9 +1,9 @@
 """The arrays that the kernels work on, as records: the data of a lane, and the results of a step.
 
-values (blocks, numbers of `Lane`, WIDE)  data of the lanes during their episodes; a block is contiguous in memory
-clock (numbers of `Clock`, lanes)         current rows of the lanes in their schedules, and their random streams
-table (rows, numbers of a row)            stacked schedules of all episodes, see `schedule`
-starts (schedules, numbers of `Start`)    rows of each schedule, and initial data of its episode
+values (blocks, entries of `Lane`, WIDE)  data of the lanes during their episodes; a block is contiguous in memory
+clock (entries of `Clock`, lanes)         current rows of the lanes in their schedules, and their random streams
+table (rows, entries of a row)            stacked schedules of all episodes, see `schedule`
+starts (schedules, entries of `Start`)    rows of each schedule, and initial data of its episode
 out                                       observations and `Results` of a step in one array, see `Layout.split`
 
 A `Layout` has the parts that depend on the equations, that is, on the numbers of joints and axes.
@@ -90,7 +90,7 @@ class Results(NamedTuple):
     scalars: Any  # `StepScalars`
 
 
-CLOCK, START = places(Clock), places(Start)  # index of each number of the records `Clock` and `Start` in its array
+CLOCK, START = places(Clock), places(Start)  # index of each entry of the records `Clock` and `Start` in its array
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`; the last two are flags. Reward, truncated and reason are reported separately."""
@@ -99,11 +99,11 @@ _POINTS = ("tip", "tip_reference", "external_force")  # the fields of `StepVecto
 
 
 class Layout:
-    """Records for an arm's equations, and the index of each of their numbers in its array.
+    """Records for an arm's equations, and the index of each entry in its array.
 
     Attributes:
         Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
-        LANE: index of each number of `Lane`.
+        LANE: index of each entry of `Lane`.
         observed: length of an observation; `longest`: length of the longest vector; `reported`: size of `Results`.
         parts: slice of each vector in the concatenation of all vectors.
     """

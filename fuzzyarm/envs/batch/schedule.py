@@ -45,7 +45,7 @@ def row_record(joints: int, axes: int) -> Any:
 class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
-    `table` (steps + 1, numbers of `row_record`) has the units given there; the properties are its columns. The last
+    `table` (steps + 1, entries of `row_record`) has the units given there; the properties are its columns. The last
     row, at the end of the episode, has no force or bias.
     """
 
@@ -130,7 +130,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
 
 
 def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
-    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle or zeros."""
+    """Return (len(times), length of a target): reference tip, normal of the curve, circle or zeros."""
     position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
     circle = np.zeros(axes + 1)
     if reference.circle is not None:

@@ -354,12 +354,12 @@ class _Overlay:
     name: str = ""  # of the robot; empty: the model's
     fixed: tuple[str, ...] = ()  # names of joints that stay at rest as in the model
     gravity: Vector | None = None  # [m/s²], shape (3,), in the base frame; None: the model's
-    sources: tuple[str, ...] = ()  # where the numbers come from
-    assumptions: tuple[str, ...] = ()  # which numbers are assumed, and why
+    sources: tuple[str, ...] = ()  # where the values come from
+    assumptions: tuple[str, ...] = ()  # which values are assumed, and why
 
 
 def read_robot(path: str | Path) -> Robot:
-    """Read a robot file: a TOML file that has all numbers (`Robot.from_toml`), or an overlay that names a model.
+    """Read a robot file: a TOML file that states all values (`Robot.from_toml`), or an overlay that names a model.
 
     Raises:
         ModuleNotFoundError: the file names a model, and MuJoCo is not installed; the message names the extra.
@@ -435,6 +435,6 @@ def _neat(values: np.ndarray) -> np.ndarray:
 
 
 def _vector(values: np.ndarray) -> Vector:
-    """Return three numbers, with negligible ones set to 0."""
+    """Return a vector (3,) with negligible components set to 0."""
     x, y, z = np.where(np.abs(values) > _NEGLIGIBLE, values, 0.0).tolist()
     return x, y, z

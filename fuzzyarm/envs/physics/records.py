@@ -83,7 +83,7 @@ def state_record(joints: int) -> Any:
 
 @functools.cache
 def size(kind: Any) -> int:
-    """Return how many numbers a record has."""
+    """Return how many numbers a record contains, nested records included."""
     return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
 
 

@@ -58,8 +58,8 @@ class Robot:
         joints: from the base to the tip, 1 to `MOST_JOINTS`.
         tip: position of the tip [m], shape (3,), in the frame of the last link.
         gravity: acceleration of free fall [m/s²], shape (3,), in the base frame.
-        sources: where the numbers come from.
-        assumptions: which numbers are assumed, and why.
+        sources: where the values come from.
+        assumptions: which values are assumed, and why.
 
     Examples:
         >>> len(robot_named("ur5").joints)
@@ -89,7 +89,7 @@ class Robot:
 
     @functools.cached_property
     def digest(self) -> str:
-        """A digest of all numbers; names and texts do not affect it."""
+        """A digest of all numerical data; names and texts do not affect it."""
         numbers = dataclasses.asdict(self)
         for name in ("name", "sources", "assumptions"):
             del numbers[name]

@@ -151,7 +151,7 @@ def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple
 
 
 def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, stop: float) -> np.ndarray:
-    """Return (..., numbers): `vector` where start <= time < stop, zero elsewhere."""
+    """Return (..., length of `vector`): `vector` where start <= time < stop, zero elsewhere."""
     time = np.asarray(time, dtype=np.float64)
     active = (time >= start) & (time < stop)
     return active[..., np.newaxis] * np.array(vector, dtype=np.float64)

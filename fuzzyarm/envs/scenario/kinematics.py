@@ -87,7 +87,7 @@ def link_lengths(robot: Robot) -> np.ndarray:
 
 
 def upwards(robot: Robot) -> np.ndarray:
-    """Return the direction against gravity, (3,), z if there is none."""
+    """Return the unit vector (3,) against gravity, or along z without gravity."""
     gravity = robot.arrays.gravity
     return -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
 

@@ -21,7 +21,7 @@ __all__ = ["DEVIATION", "NO_BELIEFS", "Believing"]
 NO_BELIEFS = np.empty((0, 0))  # the rows of a policy without beliefs
 DEVIATION = "_deviation"  # suffix of the name of a standard deviation
 _KEPT = ("force", "payload", "offset", "lateness")
-_SINGLE = ("payload", "lateness")  # one number each; the others have one per axis or joint
+_SINGLE = ("payload", "lateness")  # scalars; the others have one entry per axis or joint
 _EVENTS = {
     "other_path": (
         "from {} on, its path differs from that of the previous pass, and it no longer expects the forces of that pass"

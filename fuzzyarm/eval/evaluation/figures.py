@@ -333,7 +333,7 @@ def _longest(episodes: Sequence[Rollout]) -> Rollout:
 
 
 def _finished(episodes: Sequence[Rollout]) -> Sequence[Rollout]:
-    """Return the completed episodes, or all if there are none."""
+    """Return the completed episodes, or all if no episode was completed."""
     return [episode for episode in episodes if episode.completed] or episodes
 
 

@@ -194,7 +194,7 @@ def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
 
 
 def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
-    """Return the cells below `other_headings`; `without` replaces missing numbers."""
+    """Return the cells below `other_headings`; `without` replaces missing values."""
     known = ranked()
     return [
         without if value is None else known[words].text(value)

@@ -92,7 +92,7 @@ class Delay:
 
 
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
-    """Run the plants with these numbers in all cases under policies given by label; ValueError if a policy fails."""
+    """Run the plants `members` in all cases under policies keyed by label; ValueError if a policy fails."""
     plants, found = Plants(config, members, config.cases), []
     for label, policy in policies.items():
         try:

@@ -47,7 +47,7 @@ class Plants:
     """
 
     def __init__(self, config: SweepConfig, members: Sequence[int], cases: Sequence[str]) -> None:
-        """Draw the plants with these numbers in the sweep."""
+        """Draw the plants with these indices in the sweep."""
         self.config, self.seeds = config, [config.seed + member for member in members]
         cells = _cells(config, members)
         self.envs = _environment(config, cells, len(members), cases)

@@ -177,7 +177,7 @@ class SweepConfig:
         return -(-self.total // self.chunk)
 
     def members(self, number: int) -> range:
-        """Return the numbers of the plants in a chunk."""
+        """Return the indices of the plants in a chunk."""
         return range(number * self.chunk, min((number + 1) * self.chunk, self.total))
 
     @property

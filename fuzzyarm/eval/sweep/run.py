@@ -2,7 +2,7 @@
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Resuming a sweep runs
 the chunks that are missing. ``run.json`` contains the identity of the sweep: the configuration and everything else on
-which the numbers depend, that is versions and code, added cases, and the files of the policies. Every file carries the
+which the results depend, that is versions and code, added cases, and the files of the policies. Every file carries the
 digest of the identity, and results of different identities are never mixed in one folder.
 """
 
@@ -243,7 +243,7 @@ def _made_with() -> dict[str, str]:
 
 
 def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
-    """Return everything on which the numbers of a sweep depend, as data for JSON; the policies may run code."""
+    """Return everything on which the results of a sweep depend, as data for JSON; the policies may run code."""
     axes = 2 if config.robot is None else 3
     return {
         "config": _numbers(config.to_dict()),

@@ -93,7 +93,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def _worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers (count,) of the worst plants: first by the time of an early end, then by decreasing error."""
+    """Return the indices (count,) of the worst plants: first by the time of an early end, then by decreasing error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 

@@ -63,7 +63,7 @@ def _with_unit(name: str, value: float | None) -> str:
 
 
 def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict[str, Any]) -> str:
-    """Return the page of an arm that was tuned into a folder of this name; `margins` is that of `measure_margins`."""
+    """Return the page of an arm that was tuned into a folder of this name; `margins` is from `measure_margins`."""
     name = "A two-joint arm" if isinstance(arm, ArmParameters) else arm.name
     reference = default_reference(arm)
     parts = [
