@@ -1,4 +1,4 @@
-"""Data sets of episodes: recorded in batches, and stored by Minari, arrays in HDF5 and metadata as text.
+"""Data sets of episodes: recorded in batches, and stored by Minari, numbers in HDF5 and metadata as text.
 
 A folder of data sets is Minari's root: with ``MINARI_DATASETS_PATH=FOLDER``, `minari.load_dataset` finds them.
 """
