@@ -84,7 +84,7 @@ def arguments_of(options: Any) -> str:
 
 
 def shown_default(value: Any) -> str | None:
-    """Return a default as the help shows it; None for one that the help leaves out."""
+    """Return a default as the help shows it; None for a default that the help omits."""
     if value is None or value == () or value is False:
         return None
     if value is True:

@@ -1,7 +1,7 @@
 """Reading of NumPy's arrays, ``.npy``, and archives of them, ``.npz``, from untrusted files.
 
 Before memory is allocated, the sizes stated by the archive are checked against a limit, and the size of each array
-against its header. Arrays hold booleans, integers, real numbers, strings, or records of these; nothing is unpickled.
+against its header. Arrays contain booleans, integers, real numbers, strings, or records of these; nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
                     found[member.filename.removesuffix(_ENDING)] = array
                 return found
         except _OF_DAMAGE as error:
-            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a place before the beginning
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a position before the beginning
                 raise
             reason = escaped(" ".join(str(error).split())[:160]) or type(error).__name__
             said = f"{path}: {reason}" if isinstance(error, _UnsupportedType) else f"{path} is damaged ({reason})"

@@ -24,7 +24,7 @@ __all__ = [
 
 _Choice = TypeVar("_Choice")
 
-_NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although some have classes of numbers as bases
+_NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although some are derived from number classes
 _SHOWN = 80  # characters of a value in a message
 _MESSAGE = 300  # characters of a message that quotes a type
 _FEW = 64  # numbers
@@ -185,7 +185,7 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
 
 
 def all_finite(array: np.ndarray) -> bool:
-    """Return whether all numbers of an array are finite; in small arrays their sum is a faster test than NumPy's."""
+    """Return whether all numbers of an array are finite; for small arrays, a test of the sum is faster than NumPy's."""
     few = array.size <= _FEW and math.isfinite(sum(array.ravel().tolist()))
     return few or bool(np.isfinite(array).all())
 
@@ -199,9 +199,9 @@ def shown(value: Any) -> str:
     """Return the `repr` of a value for a message, shortened if it is long."""
     try:
         text = repr(value)
-    except ValueError:  # a whole number of more digits than Python prints
+    except ValueError:  # an integer with more digits than Python prints
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
-    except Exception:  # a class of the user's own
+    except Exception:  # a class of the user
         text = object.__repr__(value)
     text = " ".join(text.split()) if "\n" in text else text
     return _cut(text)

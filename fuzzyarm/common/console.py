@@ -77,7 +77,7 @@ def finish_output() -> None:
 
 
 def _spelled_out(error: UnicodeError) -> tuple[str, int]:
-    """Return a replacement for characters that an encoding lacks, and the place after them."""
+    """Return a replacement for characters that an encoding lacks, and the index after them."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letters = error.object[error.start : error.end]
@@ -105,7 +105,7 @@ def say(text: str, *, error: bool = False) -> None:
 
 
 def _wrapped(line: str) -> str:
-    """Return a line wrapped at spaces for the terminal, with continuation lines indented by two more."""
+    """Return a line wrapped at spaces for the terminal, with continuation lines indented by two more spaces."""
     width = max(shutil.get_terminal_size().columns, _NARROWEST)
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     options: Any = dict.fromkeys(("break_long_words", "break_on_hyphens", "replace_whitespace"), False)

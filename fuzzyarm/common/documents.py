@@ -1,6 +1,6 @@
 """Reading of JSON and TOML files into typed, checked records.
 
-A record is a dataclass; its fields and their types are the schema. A file holds data only: its content is parsed and
+A record is a dataclass; its fields and their types are the schema. A file contains only data: its content is parsed and
 checked against these types, and nothing in it is run or imported.
 
 Only regular files are read, no larger than a limit, with at most `_MOST_VALUES` values, without duplicate keys, and no
@@ -47,7 +47,7 @@ def read_json(path: Path, *, largest: int = _LARGEST) -> Any:
     """Return the content of a JSON file: mappings, lists, strings, finite numbers, booleans and None.
 
     Raises:
-        DocumentError: the file is not regular, larger than `largest` bytes or not JSON; or it holds more than
+        DocumentError: the file is not regular, larger than `largest` bytes or not JSON; or it contains more than
             `_MOST_VALUES` values, a duplicate key, a number that is not finite or a string that is not Unicode, or is
             nested deeper than `_DEEPEST`.
         OSError: the file cannot be read.
@@ -124,7 +124,7 @@ def record(content: Any, kind: type[_Record]) -> _Record:
 
 
 def _refuse_unknown(content: Any, kind: Any) -> None:
-    """Raise ValueError for a mapping with a key that the dataclass has no field for, also in dataclasses within it."""
+    """Raise ValueError if a mapping has a key without a field in its dataclass, also in dataclasses within it."""
     if isinstance(kind, types.UnionType):  # a record or None
         kind = next((option for option in get_args(kind) if dataclasses.is_dataclass(option)), kind)
     if isinstance(content, list) and get_origin(kind) in (list, tuple):
@@ -153,7 +153,7 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
 def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str, Any]], _Built]) -> _Built:
     """Return the result of `build` for the content of a JSON file of a schema.
 
-    Every message ends with `again`, which says how to make the file again. `build` may raise KeyError or IndexError for
+    Every message ends with `again`, an instruction to make the file again. `build` may raise KeyError or IndexError for
     missing entries.
 
     Raises:

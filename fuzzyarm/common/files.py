@@ -1,6 +1,6 @@
 """Atomic writing of files and folders, CSV tables, and a lock for folders being written.
 
-A new file gets the mode that the umask leaves; a replaced file never becomes readable by more users than before.
+A new file gets the mode that the umask allows; a replaced file never becomes readable by more users than before.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if sys.platform != "win32":
 
 __all__ = ["csv_text", "locked_folder", "write_atomically", "write_folder_atomically", "write_once"]
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet computes a cell that begins with one of these
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet evaluates a cell that begins with one of these
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
@@ -82,7 +82,7 @@ def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> N
 
 @contextlib.contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Lock a folder while the block runs, where the system can; ValueError if another process has locked it."""
+    """Lock a folder while the block runs, if the system can lock it; ValueError if another process has locked it."""
     if sys.platform == "win32":
         yield
         return
@@ -123,7 +123,7 @@ def _inert(value: Any) -> Any:
 
 
 def _mode(path: Path, new: int) -> int:
-    """Return the mode for a file or folder before the umask: `new`, restricted to the mode of any at `path`."""
+    """Return the mode for a file or folder before the umask: `new`, restricted to the mode of an existing `path`."""
     try:
         return new & stat.S_IMODE(path.stat().st_mode)
     except OSError:

@@ -13,7 +13,7 @@ __all__ = ["Registry", "lazily"]
 
 _Thing = TypeVar("_Thing")
 
-_REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that each is in
+_REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that defines each
 
 
 class Registry(dict[str, _Thing]):

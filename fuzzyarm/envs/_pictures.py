@@ -131,7 +131,7 @@ def _paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
 
 
 def _paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: float) -> None:
-    """Paint the arrow of a force of this magnitude [N] that pushes the tip, from start (2,) to tip (2,) [px]."""
+    """Paint the arrow of a tip force of this magnitude [N], from start (2,) to tip (2,) [px]."""
     canvas.arrow(start, tip, 7.0, FORCE)
     label = start + 26.0 * (start - tip) / np.hypot(*(start - tip))
     inside = np.clip(label, [32, HEADER + 12], [WIDTH - 32, HEIGHT - FOOTER - 12])
@@ -302,7 +302,7 @@ def _paint_links(canvas: Canvas, camera: Camera, now: Poses, thickness: float) -
 
 
 def _circle(axis: np.ndarray) -> np.ndarray:
-    """Return corners (n, 3) of a circle of radius 1 about an axis (3,)."""
+    """Return the corners (n, 3) of a polygon that approximates the unit circle about an axis (3,)."""
     first, angles = across(axis), np.linspace(0.0, 2.0 * np.pi, 49)[:, np.newaxis]
     return np.asarray(np.cos(angles) * first + np.sin(angles) * np.cross(axis, first))
 

@@ -1,4 +1,4 @@
-"""Arguments of the environments, checked and completed: the same for one arm, a batch and tensors.
+"""Checks and defaults of the arguments of the environments, the same for one arm, a batch and tensors.
 
 An argument of a batch is one value for all lanes, or a sequence with one for each lane.
 """
@@ -32,7 +32,7 @@ _RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")  # keys t
 
 
 def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
-    """Return the given disturbance, or that of the named case for this arm."""
+    """Return the given disturbance, or the one that the named case has for this arm."""
     if disturbance is None:
         return case_for(case, arm).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
@@ -124,7 +124,7 @@ def _range(name: str, low: np.ndarray, high: np.ndarray) -> str:
 
 
 def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
-    """Return an argument as a list of one entry for all lanes, or of one per lane."""
+    """Return an argument as a list with a single entry for all lanes, or with one entry per lane."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         return [value]
     if len(value) != lanes:
@@ -133,7 +133,7 @@ def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
 
 
 def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
-    """Return make(*row) for each lane; a row takes one entry from each column, and a single entry serves all lanes.
+    """Return make(*row) for each lane; a row has one entry per column, and a single entry serves all lanes.
 
     An error names its lane if there are several.
     """
@@ -157,7 +157,7 @@ def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
 
 
 def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
-    """Return initial states (lanes, 4 joints) [rad, rad/s], given one for all lanes or one per lane."""
+    """Return initial states (lanes, 4 joints) [rad, rad/s], given as one state for all lanes or one per lane."""
     states = real_numbers("initial_state", given)
     numbers = size(equations_of(plants[0]).State)
     one, all_lanes = (numbers,), (lanes, numbers)

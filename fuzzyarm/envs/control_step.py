@@ -37,7 +37,7 @@ class Moved(NamedTuple):
     state: Any  # of the arm after the step; the state before the step if that is not finite
     torque: Any  # of the motors, within their limits [N m]
     force: Any  # mean of the tip force over the step [N]
-    found: Any  # what `task.assess` returns
+    found: Any  # the result of `task.assess`
     clipped: Any  # 1.0 where torques were beyond the limits, else 0.0
     reason: Any  # a `Termination`, as a float
 
@@ -120,7 +120,7 @@ def begun(
 ) -> tuple[Any, Any, Any, Any]:
     """Return a lane at the beginning of an episode, its clock, its draws, and the first row of its schedule.
 
-    `clock` has the key of the last episode; `initial` is the initial state, and if its first number is nan, the arm is
+    `clock` has the key of the last episode; `initial` is the initial state; if its first entry is nan, the arm begins
     at rest on the reference; `ranges` are pairs (low, high), one for each number of `draw_record`. The rows of the
     three tables are of the types `Plant`, `Start` and `row_record`.
     """
@@ -144,7 +144,7 @@ def begun(
 
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
-    """Return ``drawn(key, ranges)``: a `draw_record` of low + (high - low) u, rounded down for the reference."""
+    """Return ``drawn(key, ranges)``: a `draw_record` of low + (high - low) u, rounded down for the index."""
     at = places(draw_record(joints))  # here, because torch cannot compile a look-up in a cache
 
     def drawn(key: Any, ranges: Any) -> Any:

@@ -104,7 +104,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     a picture after every step plays in real time).
 
     `reset(options=...)` accepts `initial_state` (4 n numbers in the order of `State`), `reference`, and `case` or
-    `disturbance`; they hold for the episode that it begins.
+    `disturbance`; they apply to the episode that it begins.
 
     Raises:
         TypeError: an argument is of the wrong kind.

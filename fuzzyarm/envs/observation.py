@@ -16,7 +16,7 @@ __all__ = ["ACTION_SCALE", "JOINTS", "OBSERVATION_SCALE", "PARTS", "Observation"
 
 
 class Observation(NamedTuple):
-    """The parts of an observation, one number per joint in each."""
+    """The parts of an observation, each with one entry per joint."""
 
     q_motor: Any  # motor angles as measured, with encoder noise if there is any [rad]
     dq_motor: Any  # motor velocities, likewise [rad/s]
@@ -31,7 +31,7 @@ _SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
 OBSERVATION_SCALE = np.array([0.67, 1.9, 1.4, 1.6, 0.67, 1.9, 1.4, 1.6, 19.0, 21.0])
 """Typical magnitudes of the paper's arm, in the order and units of `Observation`.
 
-They are root mean squares over `default_reference.reference_family`; motors that follow these references have the same.
+They are root mean squares over `default_reference.reference_family`; motors are assumed to follow these references.
 """
 ACTION_SCALE = np.array(ArmParameters().torque_limit)
 """The torque limits of the paper's arm [N m]."""
@@ -39,7 +39,7 @@ OBSERVATION_SCALE.flags.writeable = ACTION_SCALE.flags.writeable = False
 
 
 def starts(joints: int) -> Observation:
-    """Return where each part begins in the observation of an arm."""
+    """Return the index at which each part begins in the observation of an arm."""
     return Observation(*range(0, joints * PARTS, joints))
 
 

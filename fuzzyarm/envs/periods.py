@@ -18,7 +18,7 @@ MOST_STEPS = 1_000_000  # most control steps of a reference; its table then take
 MAX_DEFAULT_SUBSTEP = 2e-4  # largest default sub-step [s]; `benchmarks/accuracy.py` measures the resulting error
 
 _RESOLVED, _STABLE = 1.0, 2.0
-"""Limits of sub-step times fastest rate: the default one, and the one below which no mode grows; see `fastest_mode`."""
+"""Limits on sub-step times fastest rate: for the default sub-step, and for stable modes; see `fastest_mode`."""
 
 
 def checked_period(name: str, period: Any) -> float:
@@ -44,7 +44,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return the number of sub-steps [s] in a control period [s]; for None, the default at a fastest rate [rad/s]."""
+    """Return the number of sub-steps [s] in a control period [s]; None: the default at a fastest rate [rad/s]."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

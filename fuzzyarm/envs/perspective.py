@@ -66,7 +66,7 @@ class _Floor(NamedTuple):
     grid: np.ndarray  # ends of the lines between the squares (lines, 2, 3) [m]
 
     def below(self, points: np.ndarray) -> np.ndarray:
-        """Return the shadows (..., 3) of points (..., 3) [m]."""
+        """Return the shadows on the floor (..., 3) of points (..., 3) [m]."""
         return np.asarray(points - (points @ self.up - self.height)[..., np.newaxis] * self.up)
 
 

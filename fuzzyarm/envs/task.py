@@ -50,7 +50,7 @@ _ANGLE, _VELOCITY, _NOT_FINITE = map(float, (Termination.ANGLE, Termination.VELO
 
 
 def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
-    """Return the `Termination` as a float from flags that are 0.0 or 1.0, elementwise: sums of such flags are exact."""
+    """Return the `Termination`, elementwise, as an exact float computed from flags that are 0.0 or 1.0."""
     inside = angles_inside * (1.0 - velocities_inside) * _VELOCITY + (1.0 - angles_inside) * _ANGLE
     return finite * inside + (1.0 - finite) * _NOT_FINITE
 

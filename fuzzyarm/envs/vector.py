@@ -1,7 +1,7 @@
 """The batched form of ``FuzzyArm-v0``: a `gymnasium.vector.VectorEnv` for thousands of arms.
 
-`info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
-SI units [m, rad, rad/s, N m, N, s], as the kernels return them.
+For each key, `info` has an array with a row per lane, and a mask ``_key`` of the lanes to which it applies.
+Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels return them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ RESET_MASK = "reset_mask"  # the reset option with the mask (num_envs,) of boole
 
 
 def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
-    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans selects, in ascending order."""
+    """Return the indices (n,) of the lanes that a mask (lanes,) of booleans selects, in ascending order."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
         raise TypeError(f"{name} is {kind}; it must be a NumPy array of {lanes} booleans, True for each lane to reset")
@@ -67,7 +67,7 @@ def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarr
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Return the entries, each with the mask (lanes,) beside it, as in Gymnasium's infos."""
+    """Return the entries and, for each, the mask (lanes,) under ``_key``, as in Gymnasium's infos."""
     return {**entries, **{f"_{key}": mask for key in entries}}
 
 
@@ -86,7 +86,7 @@ def _partial_info(
 
 
 def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the rows (lanes, ...) of the lanes `which` (n,), zero elsewhere."""
+    """Return `rows` (lanes, ...) with zeros outside the lanes `which` (n,)."""
     some = np.zeros_like(rows)
     some[which] = rows[which]
     return some
@@ -137,7 +137,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     value for all lanes or a sequence with one per lane, and so may `case`, `disturbance`, `reference` and
-    `initial_state` in ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is the number of
+    `initial_state` in ``reset(options=...)``, which apply to the episodes that it begins. `threads` is the number of
     threads that share a step (default: one per 1,024 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, and where it contains None, the

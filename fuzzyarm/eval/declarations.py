@@ -36,7 +36,7 @@ def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict
 
 
 def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Declared | None]:
-    """Return the declarations `written` in a file (None in older ones); ValueError if they are of other policies."""
+    """Return the declarations `written` in a file (None in older ones); ValueError if they are for other policies."""
     labels = {resolve(name).label: name for name in names}
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
@@ -63,7 +63,7 @@ def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list
 
 
 def declared_cells(own: Declared | None) -> tuple[str, ...]:
-    """Return the cells of a declaration below `HEADINGS`."""
+    """Return the table cells of a declaration, in the order of `HEADINGS`."""
     return ("not declared",) * len(HEADINGS) if own is None else own
 
 

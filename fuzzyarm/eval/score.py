@@ -1,7 +1,7 @@
 """The score of a policy on a held-out set, used to rank policies in a challenge.
 
 Each episode follows a held-out path, on an arm with random masses, springs and friction, under one of four loads. With
-the tip error d of each millisecond, until the reference ends,
+the tip error d in each millisecond, until the reference ends,
 
     S = mean of 1 - ln(1 + d/s)/ln(1 + R/s),   s = 10 µm, R = 0.2 m, 0 where d > R and after an early end,
     N = 100 (S - S_c) / (S_o - S_c),
@@ -45,7 +45,7 @@ _GROUPS = ("no load", "machining", "push", "payload and noise")
 in between a fifth and a half of the motion; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the
 encoders. Training on the registered task never draws the last two."""
 ANCHORS = ("computed-torque", "learned-observer")
-"""The policies whose N are 0 and 100."""
+"""The policies that define N = 0 and N = 100."""
 _RESOLUTION, _LOST = 1e-5, 0.2  # s and R [m]
 _EACH = 32  # episodes of a group
 _PERIOD = 1e-3

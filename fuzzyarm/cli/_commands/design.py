@@ -69,7 +69,7 @@ class Options:
     (default: Table 1 of the paper)"""
 
     def run(self) -> int:
-        """Design, prove and write the controller; return 1 if there is none with these requirements."""
+        """Design, prove and write the controller; return 1 if no controller meets the requirements."""
         from fuzzyarm.envs.periods import checked_period
         from fuzzyarm.envs.physics.equations import chosen_arm, corners_of
         from fuzzyarm.envs.physics.parameters import ArmParameters

@@ -82,7 +82,7 @@ class Options:
 
 
 def _problem(options: Options) -> Any:
-    """Return the problem of the options for an automaton."""
+    """Return the problem that the options state for an automaton."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.policies.tip_bound import TipClaim, problem_of

@@ -44,7 +44,7 @@ class Options:
     """Joint that stays fixed as in the model, such as one of a gripper. May be repeated"""
 
     def run(self) -> int:
-        """Write the file; return 1, with the list, if numbers are lacking."""
+        """Write the file; if values are missing, list them and return 1."""
         from fuzzyarm.common.files import write_atomically
         from fuzzyarm.envs.physics.from_model import Lacking, completed
 
@@ -67,7 +67,7 @@ class Options:
         return 0
 
     def _given(self) -> dict[str, dict[str, Any]]:
-        """Return the numbers of `set` by joint and quantity; those of one joint precede those of all."""
+        """Return the values of `set` by joint and quantity; a value for one joint overrides a value for all."""
         from fuzzyarm.envs.physics.from_model import UNITS, joints_of_model
 
         everywhere: dict[str, Any] = {}

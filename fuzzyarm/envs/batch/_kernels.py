@@ -41,8 +41,8 @@ class Kernels:
     def step(self) -> Kernel:
         """Hold torques in every lane for one control step.
 
-        Its arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes); its
-        constants are control period [s], sub-step [s] and number of sub-steps; its table is the schedule.
+        The kernel's arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (entries,
+        lanes). Its constants are control period [s], sub-step [s] and number of sub-steps; its table is the schedule.
         """
         physics, Row = self.layout.physics, self._row
 
@@ -68,8 +68,8 @@ class Kernels:
     def begin(self) -> Kernel:
         """Begin an episode in every lane.
 
-        Its arrays are values, clock, the drawn numbers (numbers, lanes), `Given` and the initial states (lanes,
-        numbers), observations and `Results` (numbers, lanes); its constants are the ranges of the draws; its tables are
+        The kernel's arrays are values, clock, the draws (entries, lanes), `Given` and the initial states (lanes,
+        entries), observations and `Results` (entries, lanes). Its constants are the ranges of the draws; its tables are
         plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
@@ -149,5 +149,5 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
 
 @functools.cache
 def kernels_of(physics: Physics) -> Kernels:
-    """Return the kernels for arms with these equations; the same object at every call."""
+    """Return the kernels for arms with these equations; the same object on every call."""
     return Kernels(physics)

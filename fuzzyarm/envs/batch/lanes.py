@@ -1,6 +1,6 @@
 """Batched simulation state behind both environments: one arm per lane, each in its own episode.
 
-A saved state is checked, because kernels use its entries as indices and it may come from a file.
+A saved state may come from a file, and kernels use its entries as indices; it is therefore checked.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SavedArrays = dict[str, np.ndarray]
 
 
 def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
-    """Return copies of a state's arrays with the names in `like`, whose types and shapes they must have."""
+    """Return copies of the arrays named in `like`; types and shapes must be those in `like`, and floats finite."""
     checks.instance("state", state, dict)
     arrays: _SavedArrays = {}
     for name, own in like.items():
@@ -127,7 +127,7 @@ class Lanes:
 
     @property
     def table(self) -> np.ndarray:
-        """The stacked schedules (rows, numbers of a row) of all episodes."""
+        """The stacked schedules (rows, entries of a row) of all episodes."""
         return self._assigned.tables.table
 
     def numbers(self, rows: slice) -> np.ndarray:
@@ -140,7 +140,7 @@ class Lanes:
 
     @property
     def longest_episode(self) -> int:
-        """The number of control steps of the longest schedule among the lanes' own ones."""
+        """The number of control steps in the longest of the lanes' own schedules."""
         return max(episode.schedule.steps for episode in self._assigned.own.episodes)
 
     def close(self) -> None:
@@ -184,7 +184,7 @@ class Lanes:
     def step(self, action: np.ndarray) -> _Outcome:
         """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
-        The action (count, joints) [N m] is clipped to the plants' limits; the caller must not use its array again.
+        The action (count, joints) [N m] is clipped to the plants' limits; the caller must not reuse this array.
         ValueError for a torque that is not finite; then no lane has moved.
         """
         if action.shape != self.action_shape:
@@ -213,7 +213,7 @@ class Lanes:
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> _Outcome:
         """Step like `step`, but begin the next episode in the lanes `over` (n,), whatever the action."""
         action[over] = 0.0
-        # The kernel steps every lane, which must not be in its last row; `restart` then overwrites this step.
+        # The kernel steps every lane, and no lane may be in its last row; `restart` then overwrites this step.
         ends = self.clock[CLOCK.row, over]
         self.clock[CLOCK.row, over] = self.clock[CLOCK.first, over]
         try:
@@ -231,7 +231,7 @@ class Lanes:
         return seen
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
-        """Return the draws of the episodes by quantity: (count, joints) for one per joint, else (count,); read-only."""
+        """Return the draws of the episodes by quantity, read-only: (count, joints) if one per joint, else (count,)."""
         return self._drawn_info
 
     def schedule(self, lane: int) -> tuple[Reference, Schedule]:

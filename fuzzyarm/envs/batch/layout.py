@@ -1,9 +1,9 @@
 """The arrays that the kernels work on, as records: the data of a lane, and the results of a step.
 
-values (blocks, numbers of `Lane`, WIDE)  data of the lanes during their episodes; a block is contiguous in memory
-clock (numbers of `Clock`, lanes)         current rows of the lanes in their schedules, and their random streams
-table (rows, numbers of a row)            stacked schedules of all episodes, see `schedule`
-starts (schedules, numbers of `Start`)    rows of each schedule, and initial data of its episode
+values (blocks, entries of `Lane`, WIDE)  data of the lanes during their episodes; a block is contiguous in memory
+clock (entries of `Clock`, lanes)         current rows of the lanes in their schedules, and their random streams
+table (rows, entries of a row)            stacked schedules of all episodes, see `schedule`
+starts (schedules, entries of `Start`)    rows of each schedule, and initial data of its episode
 out                                       observations and `Results` of a step in one array, see `Layout.split`
 
 A `Layout` has the parts that depend on the equations, that is, on the numbers of joints and axes.
@@ -71,13 +71,13 @@ VECTORS = (
     *("tip", "tip_reference", "q_motor", "dq_motor", "q_link", "dq_link"),
     *("torque", "friction_torque", "external_force"),
 )
-"""Results with a number for each joint, or for each axis of the tip's space; named as in the environment's `info`."""
+"""Vector results, one entry per joint or per axis of the tip's space; named as in the environment's `info`."""
 
 SCALARS = (
     *("time", "tip_error", "circularity_error", "circularity_error_motor", "reward_tracking", "reward_effort"),
     *("reward", "torque_clipped", "truncated", "reason"),
 )
-"""Results of one number each; flags are 0.0 or 1.0, the reason is a `Termination`."""
+"""Scalar results; flags are 0.0 or 1.0, the reason is a `Termination`."""
 
 StepVectors: Any = record_type("StepVectors", **dict.fromkeys(VECTORS, Any))
 StepScalars: Any = record_type("StepScalars", **dict.fromkeys(SCALARS, Any))
@@ -90,22 +90,22 @@ class Results(NamedTuple):
     scalars: Any  # `StepScalars`
 
 
-CLOCK, START = places(Clock), places(Start)  # index of each number of the records `Clock` and `Start` in its array
+CLOCK, START = places(Clock), places(Start)  # index of each entry of the records `Clock` and `Start` in its array
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`; the last two are flags. Reward, truncated and reason are reported separately."""
 
-_POINTS = ("tip", "tip_reference", "external_force")  # the fields of `StepVectors` with a number for each axis
+_POINTS = ("tip", "tip_reference", "external_force")  # the fields of `StepVectors` with one entry per axis
 
 
 class Layout:
-    """Records for an arm's equations, and the index of each of their numbers in its array.
+    """Records for an arm's equations, and the index of each entry in its array.
 
     Attributes:
         Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
-        LANE: index of each number of `Lane`.
-        observed: how many numbers an observation has; `longest`: the longest of the vectors; `reported`: `Results`.
-        parts: slice of each of the vectors among the numbers of all vectors.
+        LANE: index of each entry of `Lane`.
+        observed: length of an observation; `longest`: length of the longest vector; `reported`: size of `Results`.
+        parts: slice of each vector in the concatenation of all vectors.
     """
 
     def __init__(self, physics: Physics) -> None:
@@ -124,7 +124,7 @@ class Layout:
         return layout_of, (self.physics,)
 
     def size(self, lanes: int) -> int:
-        """Return how many numbers the results of these lanes contain."""
+        """Return the size of an array `out` for this number of lanes."""
         return -(-self.observed * lanes // _LINE) * _LINE + self.reported * _apart(lanes)
 
     def arrays(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -136,14 +136,14 @@ class Layout:
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
 
-        Vectors have a row for each number, see `each`. The result is a plain tuple, since a record would slow small
+        Vectors have a row for each entry, see `each`. The result is a plain tuple, since a record would slow small
         batches.
         """
         observations, numbers = self.arrays(out, lanes)
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
 
     def each(self, vectors: np.ndarray) -> list[np.ndarray]:
-        """Return each vector (lanes, numbers of the vector), in order, from the rows returned by `split`."""
+        """Return each vector (lanes, length of the vector), in order, from the rows returned by `split`."""
         return [vectors[part].T for part in self.parts]
 
 
@@ -179,7 +179,7 @@ class Room:
         self.kept: Any = None
 
     def array(self) -> np.ndarray:
-        """Return the array (size,) of the room; its numbers are arbitrary at first."""
+        """Return the array (size,) of the room; its initial content is arbitrary."""
         return self._array[self._first : self._stop]
 
 

@@ -50,7 +50,7 @@ def draw(key: Any, counter: Any) -> Any:
 
 
 def key_before(key: np.ndarray) -> np.ndarray:
-    """Return the keys (lanes,) uint64 for which number `NEXT_KEY` of the stream is `key` (lanes,): invert `draw`."""
+    """Return the keys (lanes,) uint64 of the streams whose number `NEXT_KEY` is `key` (lanes,), by inverting `draw`."""
     word = key ^ (key >> 31) ^ (key >> 62)
     word = word * _SECOND_INVERSE
     word = (word ^ (word >> 27) ^ (word >> 54)) * _FIRST_INVERSE
@@ -64,7 +64,7 @@ def uniform(key: Any, counter: Any) -> Any:
 
 
 def normal_pair(key: Any, counter: Any) -> tuple[Any, Any]:
-    """Return two independent standard normal numbers from numbers `counter` and `counter` + 1 (Box and Muller)."""
+    """Return two independent standard normal samples from numbers `counter` and `counter` + 1 (Box and Muller)."""
     radius = root(-2.0 * logarithm(1.0 - uniform(key, counter)))
     sine, cosine = sine_cosine(_TWO_PI * uniform(key, counter + 1))
     return radius * cosine, radius * sine

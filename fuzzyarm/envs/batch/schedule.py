@@ -27,7 +27,7 @@ _FORCE_SAMPLES = 8  # per control step; a kink of the force within a step then c
 
 @functools.cache
 def reference_record(joints: int) -> Any:
-    """Return the record of q_d, q̇_d and q̈_d [rad, rad/s, rad/s²], in the order in which the observation has them."""
+    """Return the record of q_d, q̇_d and q̈_d [rad, rad/s, rad/s²], in the order of the observation."""
     return record_type("ReferenceRow", **dict.fromkeys(("q", "dq", "ddq"), per_joint(joints)))
 
 
@@ -45,7 +45,7 @@ def row_record(joints: int, axes: int) -> Any:
 class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
-    `table` (steps + 1, numbers of `row_record`) has the units given there; the properties are its columns. The last
+    `table` (steps + 1, entries of `row_record`) has the units given there; the properties are its columns. The last
     row, at the end of the episode, has no force or bias.
     """
 
@@ -76,7 +76,7 @@ class Schedule:
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4 or 6), mean and change [N] of the line with the impulse and first moment of step k's tip force."""
+        """(steps, 4 or 6), mean and change [N] of the line that has the impulse and first moment of step k's force."""
         return self.table[:-1, self.columns.force]
 
     @property
@@ -88,7 +88,7 @@ class Schedule:
     def build(
         cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int | None = None
     ) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s]; `axes` None: those of the reference."""
+        """Sample a reference and a disturbance every `control_period` [s]; `axes` None: as the reference has."""
         axes = reference.tip(0.0).position.shape[-1] if axes is None else axes
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
@@ -115,7 +115,7 @@ class Schedule:
 
 
 def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
-    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line, from samples."""
+    """Return (len(starts), 2 axes): mean force over each step, and change of the least-squares line through samples."""
     shares = (np.arange(_FORCE_SAMPLES) + 0.5) / _FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
@@ -130,7 +130,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
 
 
 def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
-    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle or zeros."""
+    """Return (len(times), length of a target): reference tip, normal of the curve, circle or zeros."""
     position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
     circle = np.zeros(axes + 1)
     if reference.circle is not None:

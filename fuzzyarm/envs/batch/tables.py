@@ -25,7 +25,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 __all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "distinct", "tabulated"]
 
 MAX_ACCELERATION = 1e4  # rad/s², bound on the reference's acceleration in the observation space
-_CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
+_CHECKED_INSTANTS = 501  # evenly spaced instants at which a reference is checked against a plant
 
 _Item = TypeVar("_Item")
 
@@ -44,8 +44,8 @@ class Tables:
     Attributes:
         scenarios: the episodes of each scenario; `episodes`: all episodes in order.
         firsts: (scenarios,) the number of the first episode of each scenario.
-        starts: (episodes, numbers of `Start`), the initial data of each episode.
-        table: (rows, numbers of `Row`), the stacked schedules.
+        starts: (episodes, entries of `Start`), the initial data of each episode.
+        table: (rows, entries of `Row`), the stacked schedules.
     """
 
     def __init__(self, scenarios: Sequence[list[_Episode]]) -> None:
@@ -76,7 +76,7 @@ class Assignment:
 
     @property
     def own_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Number of the first episode (lanes,) and place of the payload (lanes,) in the lanes' own scenarios."""
+        """Index of the first episode (lanes,) and place of the payload (lanes,) in the lanes' own scenarios."""
         scenarios, places = self._own
         return self.own.firsts[scenarios], places
 
@@ -91,7 +91,7 @@ class Assignment:
             self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
     def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
-        """Return lanes (n,) to their own scenarios and drop unused tables; `clock` (numbers, lanes) is updated."""
+        """Return lanes (n,) to their own scenarios and drop unused tables; `clock` (entries, lanes) is updated."""
         if len(lanes) == len(self._scenario_of):
             self.all_return()
             return
@@ -118,7 +118,7 @@ class Assignment:
         return np.flatnonzero(self._scenario_of >= len(self.own.scenarios))
 
     def places(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers of the first episodes (n,) and the payloads' places (n,) of these lanes (n,)."""
+        """Return the indices of the first episodes (n,) and the payloads' places (n,) of these lanes (n,)."""
         return self.tables.firsts[self._scenario_of[lanes]], self._place_of[lanes]
 
 

@@ -11,7 +11,7 @@ from fuzzyarm.numbers.machine import WIDE, Call
 __all__ = ["LANES_PER_THREAD", "Workers"]
 
 LANES_PER_THREAD = 1024
-"""Lanes of the smallest piece, about 100 us of work: waking a thread for less takes longer than it saves."""
+"""Lanes of the smallest piece, about 100 us of work; waking a thread for less work costs more than it saves."""
 
 _PIECES = 8  # per thread: the others wait for the slowest thread for the duration of one piece at most
 
@@ -65,7 +65,7 @@ class Workers:
 
 
 def _work(call: Call, left: Iterator[tuple[int, int]]) -> None:
-    """Process pieces until none is left; a list iterator gives each piece to only one thread."""
+    """Process pieces until no piece is left; a list iterator gives each piece to only one thread."""
     for first, stop in left:
         call.part(first, stop)
 

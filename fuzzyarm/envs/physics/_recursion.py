@@ -27,7 +27,7 @@ NOTHING = (0.0, 0.0, 0.0)  # a vector of zeros
 
 
 class Inertia(NamedTuple):
-    """The six numbers of a symmetric matrix (3, 3) [kg m²], about the origin of the link's frame."""
+    """The six independent entries of an inertia matrix (3, 3) [kg m²] about the origin of the link's frame."""
 
     xx: Any
     xy: Any
@@ -127,7 +127,7 @@ class Chain(NamedTuple):
         return torques
 
     def in_last_frame(self, vector: Vector) -> Vector:
-        """Return a vector of the base frame in the frame of the last link."""
+        """Transform a vector from the base frame to the frame of the last link."""
         for j in range(len(self.turns)):
             vector = self._back(j, vector)
         return vector
@@ -149,7 +149,7 @@ class Chain(NamedTuple):
         return velocity
 
     def _passed_on(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """Return a force and its moment about the origin of frame j as force and moment about that of frame j - 1."""
+        """Transform a force, and its moment about the origin of frame j, to frame j - 1 and its origin."""
         return self._moved_force(j, _turned(self.turns[j], force), _turned(self.turns[j], moment))
 
     def _moved_force(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
@@ -158,7 +158,7 @@ class Chain(NamedTuple):
         return force, _sum(moment, _cross(self.positions[j], force))
 
     def _back(self, j: int, vector: Vector) -> Vector:
-        """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
+        """Transform a vector from frame j - 1 to frame j: Zᵀ Aᵀ x."""
         sine, cosine = self.turns[j]
         x, y, z = rotated(transposed(self.rotations[j]), vector)
         return cosine * x + sine * y, cosine * y - sine * x, z
@@ -215,13 +215,13 @@ def _euler(inertia: Inertia, square: Inertia, motion: _Matrix, rising: Vector) -
 
 
 def joined(first: Body, second: Body) -> Body:
-    """Return two bodies of the same frame as one."""
+    """Return one body that combines two bodies of the same frame."""
     inertia = Inertia(*(a + b for a, b in zip(first.inertia, second.inertia, strict=True)))
     return Body(first.mass + second.mass, _sum(first.moment, second.moment), inertia)
 
 
 def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Body:
-    """Return a body of frame j in frame j - 1: L' = A L Aᵀ + m (d·d 1 - d dᵀ) + 2 d·k 1 - d kᵀ - k dᵀ, k = A h."""
+    """Transform a body from frame j to frame j - 1: L' = A L Aᵀ + m (d·d 1 - d dᵀ) + 2 d·k 1 - d kᵀ - k dᵀ, k = A h."""
     d, k, m = position, rotated(rotation, body.moment), body.mass
     e = rotated_inertia(rotation, body.inertia)
     moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])

@@ -35,7 +35,7 @@ from fuzzyarm.envs.physics.robot import Robot
 __all__ = ["read_model", "read_robot", "robot_of_model"]
 
 _MASSLESS = 1e-9  # kg
-_SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # disable flags of what is read
+_SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # disable flags of the effects that are read
 _GAZEBO = re.compile(
     r"<((?:springStiffness|dampingFactor|turnGravityOff)(?!\s*>\s*(?:[0.]+|false)\s*<)|gravity(?=\s*>\s*(?:0|false)))\s*>"
 )
@@ -126,7 +126,7 @@ class _Model:
                 )
 
     def _unlike(self) -> Iterator[str]:
-        """Yield complaints about joints that are not revolute, or that have another zero angle than here."""
+        """Yield complaints about joints that are not revolute, or that define the angle 0 differently."""
         for joint in self.chain:
             if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
                 kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
@@ -263,7 +263,7 @@ class _Model:
         return [name for name in (*sites, *reversed(bodies)) if name]
 
     def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
-        """Return the numbers of a joint, preferring the overlay's to the model's; ValueError lists missing ones."""
+        """Return the values for a joint, the overlay's before the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
                 f"it has no drive, and a model cannot state a drive's stiffness: add [joints.{name}] to the robot file"
@@ -339,7 +339,7 @@ _JointOverlay: Any = dataclasses.make_dataclass(
     [*((name, float | None, None) for name in _GIVEN), ("angle_range", tuple[float, float] | None, None)],
     frozen=True, kw_only=True, namespace={"__module__": __name__},
 )  # fmt: skip
-"""The overlay's numbers of one joint; None: the model's number. Fields and units are those of `Drive` and `Joint`."""
+"""The overlay's values for one joint; None: the model's value. Fields and units are those of `Drive` and `Joint`."""
 
 _DRIVEN = [field.name for field in dataclasses.fields(_JointOverlay)]
 
@@ -354,12 +354,12 @@ class _Overlay:
     name: str = ""  # of the robot; empty: the model's
     fixed: tuple[str, ...] = ()  # names of joints that stay at rest as in the model
     gravity: Vector | None = None  # [m/s²], shape (3,), in the base frame; None: the model's
-    sources: tuple[str, ...] = ()  # where the numbers come from
-    assumptions: tuple[str, ...] = ()  # which numbers are assumed, and why
+    sources: tuple[str, ...] = ()  # where the values come from
+    assumptions: tuple[str, ...] = ()  # which values are assumed, and why
 
 
 def read_robot(path: str | Path) -> Robot:
-    """Read a robot file: a TOML file that has all numbers (`Robot.from_toml`), or an overlay that names a model.
+    """Read a robot file: a TOML file that states all values (`Robot.from_toml`), or an overlay that names a model.
 
     Raises:
         ModuleNotFoundError: the file names a model, and MuJoCo is not installed; the message names the extra.
@@ -381,7 +381,7 @@ def read_robot(path: str | Path) -> Robot:
 def robot_of_model(
     tree: _Model, tip: Any, joints: Mapping[str, Any], sources: tuple[str, ...], assumptions: tuple[str, ...]
 ) -> Robot:
-    """Return the robot of a model with numbers for each joint; the texts state the origin of the numbers."""
+    """Return the robot of a model with the values in `joints`; the texts state where they come from."""
     overlay = {"model": "", "tip": tip, "joints": joints, "sources": sources, "assumptions": assumptions}
     return _robot(tree, record(overlay, _Overlay))
 
@@ -435,6 +435,6 @@ def _neat(values: np.ndarray) -> np.ndarray:
 
 
 def _vector(values: np.ndarray) -> Vector:
-    """Return three numbers, with negligible ones set to 0."""
+    """Return a vector (3,) with negligible components set to 0."""
     x, y, z = np.where(np.abs(values) > _NEGLIGIBLE, values, 0.0).tolist()
     return x, y, z

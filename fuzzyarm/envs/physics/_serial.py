@@ -84,7 +84,7 @@ def structure_of(robot: Robot) -> Structure:
 
 
 def _numbers_of(robot: Robot) -> dict[str, float]:
-    """Return every number of a robot by name: mass1, center1x, inertia1xy, stiffness1, ..., tipx, gravityz."""
+    """Return every parameter of a robot by name: mass1, center1x, inertia1xy, stiffness1, ..., tipx, gravityz."""
     found: dict[str, float] = {}
     for k, joint in enumerate(robot.joints, start=1):
         found[f"mass{k}"] = joint.link.mass
@@ -171,7 +171,7 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links; the last carries one mass [kg] between its center (place 0) and tip (1), one at its tip."""
+        """Return the links; the last carries masses [kg], one between center (place 0) and tip (1), one at its tip."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
@@ -296,7 +296,7 @@ def _folded(numbers: Iterable[Any]) -> list[Folded]:
 
 
 def _number(record: Any, name: str) -> Any:
-    """Return the named number of a plant or an arm; 0 if there is none."""
+    """Return the named constant of a plant or an arm; 0 if it does not have that constant."""
     return Folded(getattr(record, name)) if name in record._fields else 0.0
 
 
@@ -314,7 +314,7 @@ def _turned(links: Chain, angles: Any) -> Chain:
 
 
 def _like(numbers: Iterable[Any], angles: Any) -> list[Any]:
-    """Return numbers broadcast to the shape of the angles, on which some numbers may not depend."""
+    """Return numbers broadcast to the shape of the angles; some numbers may be constants."""
     return [unfolded(number) + 0.0 * angles[0] for number in numbers]
 
 

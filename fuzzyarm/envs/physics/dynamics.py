@@ -31,7 +31,7 @@ _PLACES = ("tip", "link")
 class Payload:
     """A point mass on link 2, unknown to the controller (Case 3).
 
-    Any object with `mass` and `radius` is a payload; to place one elsewhere, write a class with these two.
+    Any object with `mass` and `radius` is a payload; to place one elsewhere, write a class with these two members.
 
     Attributes:
         mass: carried mass [kg], >= 0.

@@ -33,7 +33,7 @@ def select(condition: Any, first: Any, second: Any) -> Any:
 
 @apart
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
-    """Reduce to |x| <= π/4, use Taylor polynomials of degree 15 and 16, then the quadrant; for |angle| < 1e6 rad."""
+    """Return (sin, cos) for |angle| < 1e6 rad: Taylor polynomials of degree 15 and 16 on |x| <= π/4."""
     turns = np.rint(angle * _TWO_BY_PI)
     x = ((angle - turns * _HALF_PI[0]) - turns * _HALF_PI[1]) - turns * _HALF_PI[2]
     # Estrin's scheme: its chain of dependent operations is half as long as that of Horner's scheme.
@@ -51,7 +51,7 @@ def _sine_cosine(angle: Any) -> tuple[Any, Any]:
 
 @apart
 def _gaussian(x: Any) -> Any:
-    """Raise the Taylor polynomial of exp(-x²/128), degree 10, to the 128th power."""
+    """Return exp(-x²): the Taylor polynomial of exp(-x²/128) of degree 10, raised to the 128th power."""
     square = x * x
     y = select(square < _NEGLIGIBLE, square, _NEGLIGIBLE) * (-1 / 128)
     y2 = y * y

@@ -1,6 +1,6 @@
 """The equations of any arm, and those of the paper's two-joint arm.
 
-Those of the two-joint arm are in `dynamics`, `friction` and `integrator`. Elementwise source, see `elementwise`.
+The modules `dynamics`, `friction` and `integrator` define the latter. Elementwise source, see `elementwise`.
 """
 
 from __future__ import annotations

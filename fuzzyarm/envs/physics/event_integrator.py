@@ -33,7 +33,7 @@ __all__ = ["integrate"]
 _TipForce = Callable[[float], Sequence[float]]  # force on the tip (F_x, F_y) [N] at a time [s]
 
 _MOTOR, _LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = range(0, 8, 2)
-"""Where each pair of entries begins in a state: angles of motors and links, then their velocities."""
+"""The index at which each pair of entries begins in a state: angles of motors and links, then their velocities."""
 
 _MAX_EVENTS = 1000
 """Events allowed in one call; a motor that sticks and slips at the joints' 331 rad/s has about four in 19 ms."""

@@ -26,11 +26,11 @@ class DryFriction(NamedTuple):
 
 
 DRY_TORQUES = ("coulomb_friction", "static_friction")
-"""The numbers that scale F(v) as a whole: a plant with twice the dry friction has twice these."""
+"""The parameters that scale F(v) as a whole: a plant with twice the dry friction has twice these."""
 
 
 def dry_friction_of(plant: Any, joint: int) -> DryFriction:
-    """Return the friction parameters of one motor of a plant, whose fields are one number or one per joint."""
+    """Return the friction parameters of one motor; a field of the plant is one value or a tuple of one per joint."""
     values = (getattr(plant, name) for name in DryFriction._fields)
     return DryFriction(*(value[joint] if isinstance(value, tuple) else value for value in values))
 

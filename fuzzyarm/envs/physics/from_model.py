@@ -1,4 +1,4 @@
-"""A robot from a URDF or MJCF file without an overlay: the numbers that the model lacks, and typical values for them.
+"""A robot from a URDF or MJCF file without an overlay: the values that the model lacks, and typical values for them.
 
 The typical values are those of a shipped robot, whose file states their sources. For a joint with torque limit Γ, they
 are those of the shipped robot's joint with the nearest limit Γ', times Γ/Γ' (angles and speeds unchanged).
@@ -26,11 +26,11 @@ _ASKED = tuple(name for name in UNITS if name not in ("static_friction", "stribe
 _WORDS = {"motor_inertia": "rotor", "stiffness": "stiffness", "damping": "damping", "torque_limit": "torque limit"}
 _FRICTION = ("viscous_friction", "coulomb_friction")  # 0 in a model that does not state them
 
-Given = Mapping[str, Mapping[str, Any]]  # numbers by joint and quantity
+Given = Mapping[str, Mapping[str, Any]]  # values by joint and quantity
 
 
 class Lacking(ValueError):
-    """Error for a model that lacks numbers; the message lists all of them.
+    """Error for a model that lacks values; the message lists all of them.
 
     Attributes:
         quantities: the missing quantities, each with the joints that lack it.
@@ -52,17 +52,17 @@ class Typical(NamedTuple):
 def completed(
     path: Path, tip: Any = None, given: Given | None = None, like: str | None = None, fixed: Collection[str] = ()
 ) -> Robot:
-    """Return the robot of a URDF or MJCF file, completed with given and typical numbers.
+    """Return the robot of a URDF or MJCF file, completed with given and typical values.
 
     Args:
         path: of the model.
         tip: name of a link or site, or a point (3,) [m] in the last link's frame.
-        given: numbers by joint and quantity, see `UNITS`; they take precedence over the model's numbers.
-        like: a shipped robot, whose numbers are used where they are neither given nor in the model.
+        given: values by joint and quantity, see `UNITS`; they take precedence over the model's values.
+        like: a shipped robot, whose values are used where they are neither given nor in the model.
         fixed: joints that stay at rest as in the model.
 
     Raises:
-        Lacking: numbers or the tip are missing.
+        Lacking: values or the tip are missing.
         ModuleNotFoundError: MuJoCo is not installed; the message names the extra.
         ValueError: the model is not a chain of revolute joints, or a value is out of range or unknown.
         OSError: the file cannot be read.

@@ -158,7 +158,7 @@ def held_of(physics: Physics) -> Callable[..., Any]:
 def hold_of(physics: Physics) -> Callable[..., None]:
     """Return ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
 
-    The arguments are the state (numbers of a state, lanes), changed in place, the torque (joints, lanes) [N m], rows of
+    The arguments are the state (entries of a state, lanes), changed in place, the torque (joints, lanes) [N m], rows of
     `force_line` [N] and of the constants, and the sub-step [s]. ValueError if an array has another shape.
     """
     ForceLine, advance = force_line(physics.axes), held_of(physics)

@@ -175,7 +175,7 @@ def _matrix(name: str, values: Any, unit: str = "") -> _Matrix:
 
 
 def as_rows(matrix: np.ndarray) -> _Matrix:
-    """Return an array (3, 3) as rows of numbers."""
+    """Return an array (3, 3) of numbers as a tuple of rows."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z
 

@@ -34,10 +34,10 @@ class Ranges:
 
     @classmethod
     def taken(cls, content: dict[str, Any]) -> Ranges:
-        """Remove the table from the content of a file and return it; empty if there is none.
+        """Remove the table from the content of a file and return it; empty if the file has no table.
 
         Raises:
-            ValueError: the table has an unknown field, or an entry that is no range.
+            ValueError: the table has an unknown field, or an entry that is not a range.
         """
         found = record(content.pop("ranges", {}), cls)
         for name, unit in _UNITS.items():
@@ -55,8 +55,8 @@ class Ranges:
             arm: `ArmParameters` or `Robot`.
 
         Raises:
-            ValueError: the ranges do not fit the joints of this arm, do not contain its values, or leave a link no
-                positive inertia.
+            ValueError: the ranges do not fit the joints of this arm, do not contain its values, or leave a link
+                without positive inertia.
         """
         given = {name: getattr(self, name) for name in _UNITS if getattr(self, name)}
         for name, ranges in given.items():

@@ -1,4 +1,4 @@
-"""Records with an entry per joint, the places of their numbers in arrays, and `Physics`, an arm's equations.
+"""Records with an entry per joint, the indices of their numbers in arrays, and `Physics`, an arm's equations.
 
 A record is a NamedTuple whose fields are numbers or further records. In an array its numbers are stored in the order of
 the fields:
@@ -61,7 +61,7 @@ def record_type(name: str, **fields: Any) -> Any:
 
 @functools.cache
 def per_joint(joints: int) -> Any:
-    """Return the record of one number per joint, joint1, joint2, ...; always the same class, `PerJoint` for two."""
+    """Return the record of one number per joint, joint1, ...; the same class on each call, `PerJoint` for two."""
     if joints == len(PerJoint._fields):
         return PerJoint
     return record_type("PerJoint", **{f"joint{k + 1}": Any for k in range(joints)})
@@ -69,13 +69,13 @@ def per_joint(joints: int) -> Any:
 
 @functools.cache
 def point(axes: int) -> Any:
-    """Return the record of a vector with 2 or 3 axes, x, y and z; always the same class, `Point` for two axes."""
+    """Return the record of a vector with 2 or 3 axes, x, y and z; the same class on each call, `Point` for two."""
     return Point if axes == len(Point._fields) else record_type("Point", **dict.fromkeys("xyz"[:axes], Any))
 
 
 @functools.cache
 def state_record(joints: int) -> Any:
-    """Return `State` for a number of joints; always the same class."""
+    """Return `State` for a number of joints; the same class on each call."""
     if joints == len(PerJoint._fields):
         return State
     return record_type("State", **dict.fromkeys(State._fields, per_joint(joints)))
@@ -83,7 +83,7 @@ def state_record(joints: int) -> Any:
 
 @functools.cache
 def size(kind: Any) -> int:
-    """Return how many numbers a record has."""
+    """Return how many numbers a record contains, nested records included."""
     return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
 
 

@@ -37,7 +37,7 @@ _SHIPPED = Path(__file__).parent / "robots"
 
 
 class _Arrays(NamedTuple):
-    """The numbers of a robot of n joints as arrays, read-only; quantities and units as in `Joint` and `Link`."""
+    """The data of a robot with n joints as read-only arrays; quantities and units as in `Joint` and `Link`."""
 
     position: np.ndarray  # (n, 3)
     rotation: np.ndarray  # (n, 3, 3)
@@ -58,8 +58,8 @@ class Robot:
         joints: from the base to the tip, 1 to `MOST_JOINTS`.
         tip: position of the tip [m], shape (3,), in the frame of the last link.
         gravity: acceleration of free fall [m/s²], shape (3,), in the base frame.
-        sources: where the numbers come from.
-        assumptions: which numbers are assumed, and why.
+        sources: where the values come from.
+        assumptions: which values are assumed, and why.
 
     Examples:
         >>> len(robot_named("ur5").joints)
@@ -89,7 +89,7 @@ class Robot:
 
     @functools.cached_property
     def digest(self) -> str:
-        """A digest of all numbers; names and texts do not affect it."""
+        """A digest of all numerical data; names and texts do not affect it."""
         numbers = dataclasses.asdict(self)
         for name in ("name", "sources", "assumptions"):
             del numbers[name]
@@ -99,7 +99,7 @@ class Robot:
 
     @functools.cached_property
     def arrays(self) -> _Arrays:
-        """The numbers of frames and links as read-only arrays."""
+        """The data of the joint frames and the links as read-only arrays."""
         joints, links = self.joints, [joint.link for joint in self.joints]
         frames = [np.array([getattr(one, name) for one in joints]) for name in ("position", "rotation", "axis")]
         bodies = [np.array([getattr(one, name) for one in links]) for name in ("mass", "center", "inertia")]
@@ -151,7 +151,7 @@ class Robot:
 
     @classmethod
     def of(cls, parameters: ArmParameters) -> Robot:
-        """Return the two-joint arm: x and gravity down, y to the right, axes along z; equal moments about all axes."""
+        """Return the two-joint arm: x and gravity down, y to the right, axes along z; equal inertia about all axes."""
         p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         joints = []
         for j in range(len(p.length)):
@@ -227,7 +227,7 @@ def _read_once(name: str) -> Robot:
 
 
 def _with_joint_name(message: str, content: dict[str, Any]) -> str:
-    """Return a message with the joint's name added if it names the joint by its place in the file, ``joints[2]``."""
+    """Return a message with the joint's name added if it names the joint by its index in the file, ``joints[2]``."""
     found = re.search(r"joints\[(\d+)\]", message)
     joints = content.get("joints")
     if not (found and isinstance(joints, list) and int(found[1]) < len(joints)):

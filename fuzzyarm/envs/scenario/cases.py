@@ -63,7 +63,7 @@ class Case:
         truth("scales", self.scales)
 
 
-INSTANTS = 501  # of a reference, at which the torques of a load are compared
+INSTANTS = 501  # instants of a reference at which the torques of a load are compared
 _WEIGHTLESS = 1e-2  # share of the leverage of any force below which the leverage of gravity counts as 0
 _SAME = 1e-6  # deviation of a factor of loads from 1 that counts as rounding
 
@@ -108,7 +108,7 @@ def case_for(name: str, arm: AnyArm) -> Case:
 def with_loads(
     case: Case, *, force: tuple[float, float] | None = None, payload: float | None = None, duration: float | None = None
 ) -> Case:
-    """Return a case with these loads in place of its own; loads that it lacks are ignored, and its title has the mass.
+    """Return a case with these loads in place of its own; loads that it lacks are ignored, and the title has the mass.
 
     Args:
         case: any case.
@@ -131,7 +131,7 @@ def with_loads(
 
 
 def load_scale(robot: Robot) -> tuple[float, float]:
-    """Return the factors of the paper's tip forces and of its payloads for a robot, see the module; to two digits."""
+    """Return the factors, to two digits, that scale the paper's tip forces and payloads to a robot; see the module."""
     force, mass = (_scaled_number(factor, 1.0) for factor in _factors(robot))
     return force, mass
 
@@ -147,7 +147,7 @@ def _scaled(case: Case, robot: Robot) -> Case:
 
 @functools.lru_cache(maxsize=64)
 def _factors(robot: Robot) -> tuple[float, float]:
-    """Return the exact factors of the paper's tip forces and of its payloads for a robot."""
+    """Return the exact factors that scale the paper's tip forces and payloads to a robot."""
     paper = robot_of(ArmParameters())
     (along, down, _), (own_along, own_down, own_any) = _leverages(paper), _leverages(robot)
     has_weight = own_down > _WEIGHTLESS * own_any
@@ -156,7 +156,7 @@ def _factors(robot: Robot) -> tuple[float, float]:
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest torque-limit shares of 1 N at the tip [1/N]: along curve, gravity, and any direction."""
+    """Return the largest torque-limit share of 1 N at the tip [1/N]: along curve, along gravity, in any direction."""
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))

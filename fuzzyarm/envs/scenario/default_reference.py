@@ -34,7 +34,7 @@ __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "reference_
 
 _SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
 _SHORTEST, _STEP = 1.5, 0.1  # s
-LONGEST = 60.0  # the longest duration of the rule [s]
+LONGEST = 60.0  # the longest duration that the rule allows [s]
 _SHARE = 0.5  # of the limits
 
 
@@ -113,7 +113,7 @@ def _fitted(robot: Robot, name: str) -> TipReference:
 
 
 def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unit vectors upwards and sideways of the plane of the circle."""
+    """Return unit vectors in the plane of the circle, upwards and sideways."""
     motion = freedom(robot).motion
     pull = robot.arrays.gravity
     if len(motion) < len(tip):  # a planar robot: upwards in its plane, if there is such a direction
@@ -132,7 +132,7 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def timed(slow: TipReference) -> TipReference:
-    """Return a reference of duration `LONGEST` with the duration of the module's rule instead."""
+    """Return the motion `slow`, which lasts `LONGEST`, with the duration by the module's rule instead."""
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 
@@ -143,7 +143,7 @@ def _torques(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tu
 
 
 def _shortest(slow: Reference, robot: Robot) -> float:
-    """Return the duration [s] of the module's rule for a reference of duration `LONGEST`."""
+    """Return the duration [s] by the module's rule for the motion `slow`, whose own duration is `LONGEST`."""
     torque_limit = robot.drive("torque_limit")
     q, dq, ddq = slow.sample(np.linspace(0.0, slow.duration, CHECKED_INSTANTS))
     weight, moving = _torques(robot, q, dq, ddq)

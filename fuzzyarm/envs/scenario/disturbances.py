@@ -22,7 +22,7 @@ __all__ = ["ConstantForce", "Disturbance", "EncoderNoise", "MachiningForce", "Ti
 class TipForce(Protocol):
     """A force on the tip as a pure function of time and of the reference's tip velocity.
 
-    Vectors have two numbers in the plane of the two-joint arm and three for other robots.
+    Vectors have two components in the plane of the two-joint arm and three for other robots.
 
     A new kind of force is a class with this method in its own file; nothing else needs to change.
     """
@@ -67,7 +67,7 @@ class MachiningForce:
 class ConstantForce:
     """A force on the tip from `start` to `stop` [s] (start <= t < stop).
 
-    It has two numbers (x, y) [N], x downwards, for the two-joint arm, and three in the base frame of another robot.
+    It has two components (x, y) [N], x downwards, for the two-joint arm, and three in the base frame of another robot.
     """
 
     force: tuple[float, ...]
@@ -85,7 +85,7 @@ class ConstantForce:
 
 @dataclasses.dataclass(frozen=True)
 class TorqueBias:
-    """A torque [N m] added to the motor torques from `start` to `stop` [s], one number for each joint.
+    """A torque [N m] added to the motor torques from `start` to `stop` [s], one entry for each joint.
 
     The controller does not observe it.
     """
@@ -145,13 +145,13 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers whose count is one of `sizes`; the error message requires two."""
+    """Return real numbers, as many as one of `sizes` states; the error message asks for two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 
 
 def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, stop: float) -> np.ndarray:
-    """Return (..., numbers): `vector` where start <= time < stop, zero elsewhere."""
+    """Return (..., length of `vector`): `vector` where start <= time < stop, zero elsewhere."""
     time = np.asarray(time, dtype=np.float64)
     active = (time >= start) & (time < stop)
     return active[..., np.newaxis] * np.array(vector, dtype=np.float64)

@@ -124,7 +124,7 @@ class ElasticReference:
         return relaxed
 
     def _by_panels(self, t: np.ndarray, corners: np.ndarray, time_constant: float) -> np.ndarray:
-        """Return the integral (times, n) for times whose corners, as values of x, are (times, corners)."""
+        """Return the integral (times, n); `corners` (times, corners) are the values of x at which τ_d has corners."""
         inside = np.clip(corners, _PANELS[0], _PANELS[-1])  # a corner out of reach makes an empty panel
         edges = np.sort(np.concatenate([np.tile(_PANELS, (len(t), 1)), inside], axis=1), axis=1)
         nodes, weights = legendre.leggauss(_NODES)
@@ -169,5 +169,5 @@ class ElasticReference:
 
 
 def _box_share(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return how far values (..., n) are from the middle of their ranges, in half ranges (..., n)."""
+    """Return the distance of values (..., n) from the middle of their ranges, as a share of half the range."""
     return np.asarray(np.abs(values - 0.5 * (low + high)) / (0.5 * (high - low)))

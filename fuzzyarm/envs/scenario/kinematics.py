@@ -87,7 +87,7 @@ def link_lengths(robot: Robot) -> np.ndarray:
 
 
 def upwards(robot: Robot) -> np.ndarray:
-    """Return the direction against gravity, (3,), z if there is none."""
+    """Return the unit vector (3,) against gravity, or along z without gravity."""
     gravity = robot.arrays.gravity
     return -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
 
@@ -168,13 +168,13 @@ class TipTask:
         return np.concatenate([*parts, np.zeros((*rate.shape[:-1], len(self.frozen)))], axis=-1)
 
     def sharpness(self, now: Frames) -> np.ndarray:
-        """Return the smallest singular value (...) of A, lengths in reaches of the robot; 0 where it is singular."""
+        """Return the smallest singular value (...) of A, with lengths in reaches of the robot; 0 if A is singular."""
         matrix = self.matrix(now)
         matrix[..., : len(self.motion), :] /= reach(self.robot)
         return np.asarray(np.linalg.svd(matrix, compute_uv=False)[..., -1])
 
     def _moving(self, now: Frames) -> np.ndarray:
-        """Return the rows (..., P J_v and O J_ω, n)."""
+        """Return the rows P J_v and O J_ω of A, (..., rows, n)."""
         rows = jacobian(now)
         return np.concatenate([self.motion @ rows[..., LINEAR, :], self.turning @ rows[..., _ANGULAR, :]], axis=-2)
 
@@ -227,7 +227,7 @@ def _span(columns: np.ndarray) -> np.ndarray:
 
 _POSTURES, _IMPROVED, _SEED = 2000, 5, 2022
 _INSIDE = 0.9  # share of the half ranges that is searched
-_DIFFERENCE = 1e-6  # of a share
+_DIFFERENCE = 1e-6  # step of the central differences, as a share
 _ROUNDED = 2  # decimals
 _SINGULAR = 1e-300  # stands for a determinant of zero
 

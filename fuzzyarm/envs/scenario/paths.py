@@ -1,7 +1,7 @@
 """Geometric paths of the tip; the time law along a path is in `reference`.
 
-Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers lie in the plane of the two-joint arm, in
-the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
+Every curve p(s), s in [0, 1], is twice differentiable. Points (x, y) lie in the plane of the two-joint arm, in
+the frame of (26): the base at the origin, x down along gravity, y to the side. Points (x, y, z) are in the base
 frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
 Circle, lemniscate, line and square can be chosen by name, for the paper's arm and in a plane for any other arm. A
@@ -62,7 +62,7 @@ class TipPath(Protocol):
 
 
 def _number(unit: str, default: Any = dataclasses.MISSING, **bounds: Any) -> Any:
-    """Return a field of a curve, see `quantity`; its numbers are at most `_LARGEST` in size."""
+    """Return a field of a curve, see `quantity`; its values are at most `_LARGEST` in magnitude."""
     return quantity(unit, default, **{"low": -_LARGEST, "high": _LARGEST, **bounds})
 
 
@@ -222,7 +222,7 @@ class Spline:
 
 
 def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
-    """Return the cubic spline over [0, 1] by chords through points (k, d); if closed, the last must be the first."""
+    """Return the cubic spline over [0, 1] by chords through points (k, d); if closed, the last must equal the first."""
     from scipy.interpolate import CubicSpline  # SciPy is only needed here
 
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -236,7 +236,7 @@ def _numbers(s: ArrayLike) -> np.ndarray:
 
 
 def any_point(name: str, value: Any, size: int | None = None) -> Any:
-    """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
+    """Return a point with two or three finite coordinates [m], or with `size` coordinates if that is given."""
     count = size or (3 if checks.is_sequence(value, 3) else 2)
     return checks.reals(name, value, count, "m", low=-_LARGEST, high=_LARGEST)
 

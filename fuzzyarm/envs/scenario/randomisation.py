@@ -21,7 +21,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["ALLOWED", "DomainRandomisation", "Range", "by_quantity", "draw_record", "find_randomisation"]
 
-Range = tuple[float, float]  # low and high end of what is drawn
+Range = tuple[float, float]  # lowest and highest value of a draw
 _HEAVIEST = 5.0 / 24.0  # largest payload of "robust" over the mass of the links; 5 kg for the paper's arm
 
 
@@ -141,7 +141,7 @@ def _robust(arm: AnyArm) -> DomainRandomisation:
     )
 
 
-# What is drawn, by name.
+# The randomisation for an arm, by name.
 _NAMED: dict[str, Callable[[AnyArm], DomainRandomisation]] = {
     "nominal": lambda arm: DomainRandomisation(),
     "plants": lambda arm: _PLANTS,

@@ -1,4 +1,4 @@
-"""The interface of references, and that of the two-joint arm: a tip path, followed by inverse kinematics (26).
+"""The interface of references, and the reference of the two-joint arm: a tip path, by inverse kinematics (26).
 
     p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇),  s(t) as below
 
@@ -62,7 +62,7 @@ def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np
 
 
 def corner_times(corners: ArrayLike, duration: float) -> np.ndarray:
-    """Return the times (k,) [s] at which p̈ has a corner, ascending: the ends, and those of corners at s (...,)."""
+    """Return the times (k,) [s] at which p̈ has a corner, ascending: both ends and the corners at s (...,)."""
     return np.unique([0.0, *time_at(corners, duration), duration])
 
 
@@ -250,7 +250,7 @@ def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: 
 
 
 def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
-    """Raise unless a path returns three arrays of points of `size` numbers, as `TipPath` requires."""
+    """Raise unless a path returns three arrays of points with `size` coordinates, as `TipPath` requires."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
         raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: three NumPy arrays p, dp/ds, d²p/ds²")

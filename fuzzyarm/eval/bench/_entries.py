@@ -124,7 +124,7 @@ def sweep_entries() -> dict[str, list[Entry]]:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance`, which returns its number of steps, until a time has elapsed."""
+    """Return a function that calls `advance`, which returns its number of steps, until a given time has elapsed."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0

@@ -34,7 +34,7 @@ class BenchConfig:
 
     Attributes:
         seconds: wall time of each turn [s].
-        rounds: turns of each entry; odd, so that the median is one of them, and at least 5.
+        rounds: turns of each entry; odd, so that the median is one of the measurements, and at least 5.
         lanes: sizes of the batches in the table; peers are measured up to 4096 lanes, torch from there on.
         threads: CPU threads that a batch may use, at most one per core.
         lanes_sweep: also measure batches of 1, 4, 16, ... 262144 lanes and draw throughput.png; takes a few minutes and
@@ -48,7 +48,7 @@ class BenchConfig:
     lanes_sweep: bool = False
 
     def __post_init__(self) -> None:
-        """Check the numbers before anything runs."""
+        """Check the values before anything runs."""
         real("seconds", self.seconds, "s", above=0.0)
         if whole("rounds", self.rounds) < _FEWEST_ROUNDS or self.rounds % 2 == 0:
             raise ValueError(

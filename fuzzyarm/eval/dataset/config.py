@@ -28,7 +28,7 @@ CONDITIONS: Mapping[Condition, Mapping[str, Any]] = {
     "nominal": {"case": "nominal"},
     "loads": {"case": "machining", "randomisation": "robust"},
 }
-"""Arguments of ``FuzzyArm-v0``; "loads" draws plant, payload, force, start and reference for each episode."""
+"""Arguments of ``FuzzyArm-v0``; for "loads", each episode draws plant, payload, force, start and reference."""
 
 _MOST_EPISODES = 2_000  # half a gigabyte in memory while they are written
 

@@ -1,4 +1,4 @@
-"""Data sets of episodes: recorded in batches, and stored by Minari: numbers in HDF5, metadata as text.
+"""Data sets of episodes: recorded in batches, and stored by Minari, numbers in HDF5 and metadata as text.
 
 A folder of data sets is Minari's root: with ``MINARI_DATASETS_PATH=FOLDER``, `minari.load_dataset` finds them.
 """
@@ -59,7 +59,7 @@ def record(policy: Predictor, condition: Condition, count: int, seed: int, noise
 
 
 def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise: float) -> Iterator[_Episode]:
-    """Yield one episode of each lane of a batch."""
+    """Yield one episode for each lane of a batch."""
     envs, generator = FuzzyArmVectorEnv(lanes, **CONDITIONS[condition], threads=1), np.random.default_rng([seed, lanes])
     intended, actions = list[np.ndarray](), list[np.ndarray]()
 
@@ -85,7 +85,7 @@ def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise
 
 
 def score_of(recorded: Sequence[_Episode], condition: Condition) -> tuple[float, dict[str, float]]:
-    """Return N of episodes with successive seeds, and the mean return of each policy of `ANCHORS` in the same episodes.
+    """Return the score N of episodes with successive seeds, and the mean returns of `ANCHORS` in the same episodes.
 
     N = 100 (S - S_c)/(S_o - S_c) as in `fuzzyarm.eval.score`, with S_c of computed-torque and S_o of learned-observer
     without noise on the same arms, loads and paths: episodes of one condition differ in difficulty.

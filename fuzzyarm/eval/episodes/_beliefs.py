@@ -21,7 +21,7 @@ __all__ = ["DEVIATION", "NO_BELIEFS", "Believing"]
 NO_BELIEFS = np.empty((0, 0))  # the rows of a policy without beliefs
 DEVIATION = "_deviation"  # suffix of the name of a standard deviation
 _KEPT = ("force", "payload", "offset", "lateness")
-_SINGLE = ("payload", "lateness")  # one number each; the others have one per axis or joint
+_SINGLE = ("payload", "lateness")  # scalars; the others have one entry per axis or joint
 _EVENTS = {
     "other_path": (
         "from {} on, its path differs from that of the previous pass, and it no longer expects the forces of that pass"
@@ -55,9 +55,9 @@ class Believing:
         return "; ".join(said)
 
     def rows(self) -> np.ndarray:
-        """Return the recorded numbers (samples, `names`), or `NO_BELIEFS` for a policy without beliefs.
+        """Return the recorded values (samples, `names`), or `NO_BELIEFS` for a policy without beliefs.
 
-        A number that is not finite is replaced by nan, and so is every number after the filter diverges.
+        A value that is not finite is replaced by nan, and so is every value after the filter diverges.
         """
         return np.array(self._rows) if self.names else NO_BELIEFS
 
@@ -85,7 +85,7 @@ class Believing:
 
 
 def _columns_of(part: str, count: int) -> list[str]:
-    """Return the names of the `count` numbers of an estimate: ``payload``, ``force_x``, ``stiffness_1``, ..."""
+    """Return the column names of an estimate with `count` entries: ``payload``, ``force_x``, ``stiffness_1``, ..."""
     if part in _SINGLE:
         return [part]
     return [f"{part}_{end}" for end in ("xyz"[:count] if part == "force" else range(1, count + 1))]

@@ -42,7 +42,7 @@ class Channel(NamedTuple):
 
 
 class _Episode(NamedTuple):
-    """The channel and the results of a lane, as numbers of the kernel."""
+    """The channel and the results of a lane, as scalars in the kernel."""
 
     running: Any  # 1 until the episode ends
     noise: Any  # factor

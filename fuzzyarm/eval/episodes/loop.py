@@ -48,7 +48,7 @@ def episodes(
     actuate: Callable[[np.ndarray], np.ndarray] | None = None,
     memory: Any = None,
 ) -> Iterator[Step]:
-    """Run one episode, or one of each lane, until the last of them has ended.
+    """Run one episode, or one in each lane, until the last of these has ended.
 
     Args:
         env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another environment with the same `step`; a lane of a
@@ -78,7 +78,7 @@ def episodes(
 
 
 def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return observation and info of a batch; where an episode ended, its final ones, not those of the next episode."""
+    """Return observation and info of a batch; where an episode ended, its last ones, not the next episode's."""
     final = info["final_info"]
     last = observation.copy()
     last[ended] = np.stack(info["final_obs"][ended])

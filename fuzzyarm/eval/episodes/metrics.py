@@ -40,7 +40,7 @@ class Metric:
     description: str  # its definition, in one or more sentences
     compute: Callable[[Rollout], float]  # [unit]
     reproducible: bool = True  # whether it is the same in every run; a wall time is not
-    joint: int = 0  # its joint, counted from 1; 0: none
+    joint: int = 0  # its joint, counted from 1; 0: no joint
     column: str = ""  # heading in the table of results, without the unit; metrics with one heading share a cell
     form: str = "{:#.3g}"  # format of the number in that table
     swept: Callable[[TipErrors], np.ndarray] | None = None  # its values in the episodes of a sweep, (lanes,) [unit]

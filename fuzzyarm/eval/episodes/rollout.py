@@ -1,4 +1,4 @@
-"""Episodes of one policy, recorded sample by sample: a single one, or several passes along one path."""
+"""Episodes of one policy, recorded sample by sample: a single episode, or several passes along one path."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.na
 def rollout_of(
     steps: Iterable[Step], lane: int | None = None, *, parameters: AnyArm, step_time: float = math.nan, **named: Any
 ) -> Rollout:
-    """Return the episode made of steps of a single arm or of one lane of a batch.
+    """Return the episode that consists of these steps of a single arm or of one lane of a batch.
 
     `parameters` is the arm, whose joint limits are needed; `step_time` [s] and `named` are fields of `Rollout`.
     """

@@ -26,7 +26,7 @@ _KINDS = {"str": "U", "int": "i", "float": "f", "bool": "b"}  # of arrays, by th
 _SINGLE = {field.name: _KINDS[field.type] for field in dataclasses.fields(Rollout) if field.type in _KINDS}
 _POINTS = ("tip", "tip_reference", "external_force")
 _SCALARS = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
-_LARGEST = 1e60  # the largest absolute value of a number: its powers are finite
+_LARGEST = 1e60  # the largest absolute value allowed for a number, whose powers are then finite
 
 
 def digest(rollouts: Sequence[Rollout]) -> str:
@@ -60,7 +60,7 @@ def npz_bytes(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
 
 
 def read_rollouts(path: Path) -> list[Rollout]:
-    """Return the rollouts of a file of `write_rollouts`; ValueError if it is damaged. Nothing is unpickled."""
+    """Return the rollouts in a file that `write_rollouts` wrote; ValueError if it is damaged. Nothing is unpickled."""
     arrays = read_arrays(path)
     missing = [name for name in _FIELDS if f"0.{name}" not in arrays]
     if arrays and missing:

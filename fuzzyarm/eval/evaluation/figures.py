@@ -90,7 +90,7 @@ _MOTOR_CIRCULARITY = _Panel("motors' circularity,\nas if rigid", "mm", lambda r:
 
 @functools.cache
 def _time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
-    """Return the panels of each figure over time, by its name, for an arm with n joints."""
+    """Return the panels of each figure over time, keyed by figure name, for an arm with this many joints."""
     each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
     return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, each, strict=True))
@@ -333,7 +333,7 @@ def _longest(episodes: Sequence[Rollout]) -> Rollout:
 
 
 def _finished(episodes: Sequence[Rollout]) -> Sequence[Rollout]:
-    """Return the completed episodes, or all if there are none."""
+    """Return the completed episodes, or all if no episode was completed."""
     return [episode for episode in episodes if episode.completed] or episodes
 
 

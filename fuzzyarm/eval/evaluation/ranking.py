@@ -42,7 +42,7 @@ class Standing:
     """The result of one policy in one file."""
 
     policy: str  # its label
-    source: str  # the file it is from
+    source: str  # the file that contains it
     score: Estimate | None  # see the module [mm]; None if the path was lost
     rms: dict[str, float | None]  # interquartile mean over seeds of the rms tip error by case [mm]; None where lost
     lost: int  # number of episodes in which the path was lost
@@ -114,9 +114,9 @@ class Leaderboard:
 
 
 def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
-    """Rank the policies of results files, or of the folders that hold them.
+    """Rank the policies of results files, or of the folders that contain such files.
 
-    `tips` holds statements of what is proven about the tip, by policy.
+    `tips` maps policies to statements of what is proven about the tip.
 
     Raises:
         ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
@@ -194,7 +194,7 @@ def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
 
 
 def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
-    """Return the cells below `other_headings`; `without` replaces missing numbers."""
+    """Return the cells below `other_headings`; `without` replaces missing values."""
     known = ranked()
     return [
         without if value is None else known[words].text(value)
@@ -234,7 +234,7 @@ def document(board: Leaderboard) -> dict[str, Any]:
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return the cells below `ROW` once per policy, with its file if one name has several declarations."""
+    """Return a row of cells below `ROW` for each policy, with its file if one name has several declarations."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [

@@ -99,7 +99,7 @@ def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
 
 
 def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return notes on each commit, processor or version that differs from the file's."""
+    """Return a note on each commit, processor or version that differs from the one in the file."""
     made = {
         "commit": (then["commit"], now["commit"]),
         "processor": (then["machine"]["cpu"], now["machine"]["cpu"]),

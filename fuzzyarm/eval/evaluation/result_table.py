@@ -47,7 +47,7 @@ def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the values of some metrics; metrics of a joint are given for all joints."""
+    """Return the cell of some metrics in some runs; a metric of one joint stands for all joints."""
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
     names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]
@@ -111,7 +111,7 @@ def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
 
 
 def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[str, dict[str, Any] | None]) -> list[str]:
-    """Return a line per certified policy, with the command to show its certificate, then one with the others."""
+    """Return a line per certified policy, with the command to show its certificate, then a line with the others."""
     lines = []
     for policy, numbers in bounds.items():
         if numbers is not None:

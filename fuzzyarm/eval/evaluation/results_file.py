@@ -188,7 +188,7 @@ def read_evaluation(folder: Path) -> Results:
 
 
 def _joined(results: Results, rollouts: list[Rollout]) -> Results:
-    """Return results and rollouts together; ValueError if they do not belong to the same episodes."""
+    """Return the results with the rollouts added; ValueError if they do not belong to the same episodes."""
     if rollout_file.digest(rollouts) != results.rollouts_sha256:
         raise ValueError(f"{rollout_file.NAME} and {_NAME} come from different evaluations")
     period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]

@@ -43,7 +43,7 @@ SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 class EvaluationConfig:
     """The configuration of an evaluation.
 
-    `robot` may also be given as a name, a file or the parameters of a two-joint arm; the field then holds the robot, or
+    `robot` may also be given as a name, a file or the parameters of a two-joint arm; the field is then the robot, or
     None for a two-joint arm, which becomes `parameters`.
     """
 
@@ -157,7 +157,7 @@ class EvaluationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """The outcome: rollouts, one row of metrics for each, certificates by policy, and its provenance."""
+    """The outcome of an evaluation: rollouts, a row of metrics for each, certificates by policy, and provenance."""
 
     config: EvaluationConfig
     rollouts: list[Rollout]
@@ -174,7 +174,7 @@ class Evaluation:
         return all(run.completed for run in self.rollouts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the signals, ready for JSON; it holds no absolute path."""
+        """Return everything but the signals, ready for JSON; it contains no absolute path."""
         config = dataclasses.asdict(self.config) | {
             "policies": tuple(map(recorded, self.config.policies)),
             "parameters": self.config.parameters.to_dict(),
@@ -244,7 +244,7 @@ def _saturated(rollouts: Sequence[Rollout], name: str, arm: AnyArm) -> float:
 
 
 def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:
-    """Return the row of an episode; with several passes also the tip errors of each."""
+    """Return the row of an episode; with several passes, also the tip errors of each pass."""
     row = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")}
     row |= metrics_of(run) | ({"note": run.note} if run.note else {})
     if len(passes) > 1:

@@ -1,6 +1,6 @@
 """All numbers of the paper that are compared with ours.
 
-``claims.json`` holds the paper's values, the tolerances for drift of ours, and the reasons for differences, with
+``claims.json`` contains the paper's values, the tolerances for drift of ours, and the reasons for differences, with
 measured numbers. Its groups are ``statements`` (the reference, the cases, the inequalities and the gains), ``table_2``
 (the size of the design problem by number of rules) and ``rollouts`` (the three cases).
 """
@@ -25,7 +25,7 @@ class Claim:
 
     Our value may drift from the stored one by relative * |stored| + absolute. Numbers without simulation are equal on
     all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: if
-    the gains change by a relative 1e-6, the most sensitive number, that of the episode that leaves the box, changes by
+    the gains change by a relative 1e-6, the most sensitive number, from the episode that leaves the box, changes by
     a relative 1e-4 and most others by less than 1e-5. Their relative tolerance is 1e-3, and lengths also have an
     absolute tolerance of a micrometre. The bisection of γ stops at 1 %, so its relative tolerance is 0.02.
     """

@@ -58,7 +58,7 @@ def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path)
 
 @dataclasses.dataclass(frozen=True)
 class _Value:
-    """One of our numbers; its text names it, both values and the allowed difference."""
+    """One of our numbers; as text, it states its name, both values and the allowed difference."""
 
     claim: Claim
     label: str
@@ -67,7 +67,7 @@ class _Value:
 
     @property
     def drifted(self) -> bool:
-        """Whether it exceeds the claim's tolerance around the stored value, is new, or no longer exists."""
+        """Whether the number is outside the tolerance around the stored value, is new, or no longer exists."""
         if self.measured is None or self.stored is None:
             return True
         # "not <=" instead of ">", so that NaN counts as drift.
@@ -75,7 +75,7 @@ class _Value:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether it agrees with the paper's number; None if there is none."""
+        """Whether the number agrees with the paper's; None if either is missing."""
         return None if self.measured is None else self.claim.agrees(self.label, self.measured)
 
     def __str__(self) -> str:

@@ -59,7 +59,7 @@ TITLES: Mapping[str, str] = {
 }
 """Titles of the controllers by their key: form and number of rules for the first four."""
 SIDES = {"tip": "circularity_error", "motors": "circularity_error_motor"}
-"""Circularity errors of a rollout by their side: of the tip (links), and of the motors, as if the joints were rigid."""
+"""Circularity errors of a rollout by side: of the tip (links), and of the motors, as if the joints were rigid."""
 _INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle, where the reference is fastest
 
 
@@ -230,7 +230,7 @@ class Evidence:
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:
-        """Return the torque L_hv r of joint 1 at t = 0, where the arm rests on the reference [N m]."""
+        """Return the torque L_hv r of joint 1 at t = 0, when the arm is at rest on the reference [N m]."""
         motion = self.reference.sample(0.0)
         at_rest = np.concatenate([motion.q, motion.dq, *motion])[np.newaxis]
         torques = {}

@@ -33,7 +33,7 @@ _UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3
 
 
 def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return the section of the page on beliefs: a figure for each case and policy that has any, else an empty string.
+    """Return the section of the page on beliefs: a figure for each case and policy with beliefs; empty without any.
 
     A figure shows the first episode; notes on all episodes of this policy in this case follow. `cases` give the true
     loads.

@@ -25,7 +25,7 @@ __all__ = ["checked_bounds", "statements", "tube_section"]
 def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapping[str, Any] | None]) -> str:
     """Return a line for each certificate, which expands to its text, and the names of the policies without one.
 
-    `bounds` are the numbers of certificates; None where the claim is void along the reference.
+    `bounds` are the numerical bounds of the certificates; None where the claim is void along the reference.
     """
     parts = [
         f'<details class="note"><summary>{escape(name)}: {_claim(bounds[name])}</summary>'
@@ -56,7 +56,7 @@ _TUBE_NOTE = (
 
 
 def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
-    """Return the check of each file of a bound; ValueError names the first file that is not proven."""
+    """Return the result of checking each file of a tip bound; ValueError names the first that is not proven."""
     found = [check_bound(path) for path in paths]
     for check in found:
         if not check.proven:

@@ -1,6 +1,6 @@
 """The HTML page of an evaluation: one file that fetches nothing and in which all text is escaped.
 
-``page.html`` holds the structure and ``page.css`` the style; the scripts, which are joined into one, run the replay. A
+``page.html`` defines the structure, ``page.css`` the style; the scripts, which are joined into one, run the replay. A
 content security policy names the digests of script and style, so that a browser runs and loads nothing else.
 """
 
@@ -37,10 +37,10 @@ _TICKED = 4  # number of policies, the best ones, that the page shows at first
 
 
 def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Path] = ()) -> None:
-    """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes of files of tip bounds.
+    """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes from the files `bounds`.
 
     Raises:
-        ValueError: the folder holds no evaluation, or a damaged or mixed one, or a bound is not proven or belongs to no
+        ValueError: the folder has no evaluation, or a damaged or mixed one, or a bound is not proven or belongs to no
             episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """

@@ -55,7 +55,7 @@ __all__ = [
 
 GAIN_SPAN = 100.0
 """The search for a gain margin goes from κ = 1 up to this factor and down to its inverse."""
-_GAIN_RATIO = 1.1  # ratio of its steps
+_GAIN_RATIO = 1.1  # ratio of successive factors in this search
 _GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
 
 
@@ -63,7 +63,7 @@ class GainLimits(NamedTuple):
     """Factors on the loop gain below and above 1 between which a loop is stable; nan if unstable with its own gain."""
 
     lower: float  # 0 where there is no limit within `GAIN_SPAN`
-    upper: float  # inf likewise
+    upper: float  # inf where there is no limit within `GAIN_SPAN`
 
 
 @dataclasses.dataclass(frozen=True)

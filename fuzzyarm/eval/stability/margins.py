@@ -50,7 +50,7 @@ class _Condition:
     payload: Payload | None = None
 
 
-# Limits of the loop gain on the nominal arm by key in the document: heading, extra samples, place in `GainLimits`.
+# Limits of the loop gain on the nominal arm by key in the document: heading, extra samples, index in `GainLimits`.
 _LIMITS = {
     "lower": ("loop gain from", 0.0, 0),
     "upper": ("to", 0.0, 1),
@@ -156,7 +156,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 
 
 def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
-    """Return the spectral radius [1] of a policy on each arm in `corners`, by its words there; None without a loop.
+    """Return the spectral radius [1] of a policy on each arm in `corners`, by its description; None without a loop.
 
     The policy knows the arm's own values throughout. `corners` are the arms at the ends of ranges, see `corners_of`.
     The control period is in s.

@@ -29,7 +29,7 @@ def first_with_margins(
     that exists is returned; a single candidate is not measured. `control_period` is in [s].
 
     Raises:
-        DesignFailed: there is no design for any candidate; the message is about the first.
+        DesignFailed: there is no design for any candidate; the message concerns the first.
     """
     found = None
     for wanted in candidates:
@@ -42,7 +42,7 @@ def first_with_margins(
         policy = _policy(found.controller, control_period)
         if len(candidates) == 1 or all(_bears(policy, plant, control_period) for plant in (arm, *ends)):
             break
-    return design(candidates[0], arm) if found is None else found  # which says why there is none
+    return design(candidates[0], arm) if found is None else found  # or its error, which states why there is no design
 
 
 def why_unstable(controller: Controller | ScheduledController, arm: AnyArm, control_period: float) -> str:

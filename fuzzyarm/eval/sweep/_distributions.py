@@ -1,4 +1,4 @@
-"""The quantities in which plants differ, their distributions, and the columns of their numbers."""
+"""The quantities in which plants differ, their distributions, and their columns in arrays of plants."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ QUANTITIES = {
 
 @functools.cache
 def columns_of(joints: int) -> dict[str, tuple[str, int | None]]:
-    """Return the numbers of a plant with this many joints: ``stiffness_1``, ``stiffness_2``, ``payload``, ...
+    """Return the columns of a plant with this many joints: ``stiffness_1``, ``stiffness_2``, ``payload``, ...
 
     Each name maps to its quantity and joint, counted from 0; the joint is None for a quantity of the whole arm.
     """
@@ -63,7 +63,7 @@ def columns_of(joints: int) -> dict[str, tuple[str, int | None]]:
 
 
 def plant_record(joints: int) -> np.dtype[np.void]:
-    """Return the type of an array of plants: its field ``plants["stiffness_1"]`` is a column of numbers (plants,)."""
+    """Return the type of an array of plants: ``plants["stiffness_1"]`` is a column of values (plants,)."""
     return np.dtype([(name, np.float64) for name in columns_of(joints)])
 
 
@@ -113,7 +113,7 @@ class Distribution(DomainRandomisation):
         return tuple(name for name, (quantity, _) in columns_of(joints).items() if np.ptp(ranges[quantity]) > 0.0)
 
     def scaled_to(self, arm: AnyArm) -> Distribution:
-        """Return the distribution for another arm: its payloads [kg] grow with that of the arm's case ``payload``."""
+        """Return the distribution for another arm: its payloads [kg] scale with that of the arm's case ``payload``."""
         (low, high), own = self.payload, case_for("payload", arm).disturbance.payload.mass
         scale = own / _HEAVIEST
         return dataclasses.replace(self, payload=(scale * low, scale * high))

@@ -34,7 +34,7 @@ class SweepResults:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays by the names that they have in files."""
+        """All arrays, by their names in files."""
         return {"plants": self.plants, **self.metrics, "seconds": self.seconds, "completed": self.completed}
 
     @classmethod
@@ -92,7 +92,7 @@ class Delay:
 
 
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
-    """Run the plants with these numbers in all cases under policies given by label; ValueError if a policy fails."""
+    """Run the plants `members` in all cases under policies keyed by label; ValueError if a policy fails."""
     plants, found = Plants(config, members, config.cases), []
     for label, policy in policies.items():
         try:

@@ -35,7 +35,7 @@ class _Cells(NamedTuple):
 
     @classmethod
     def of(cls, config: SweepConfig, plants: np.ndarray) -> _Cells:
-        """Divide the plane of a sweep: a grid has its own cells, drawn plants have bins of about 12 plants each."""
+        """Divide the plane of a sweep into the cells of its grid or, for drawn plants, bins of about 12 plants each."""
         bins = int(np.clip(np.sqrt(len(plants) / 12), 2, 20))
         edges, places = [], []
         for column in config.plane:

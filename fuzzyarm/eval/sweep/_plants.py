@@ -1,4 +1,4 @@
-"""The plants of a sweep: their numbers, and the environment in which some of them run.
+"""The plants of a sweep: their parameters, and the environment in which some of them run.
 
 Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
 stream for seed + i; noise and delay come from another stream of the same seed. So a plant does not depend on its chunk,
@@ -32,7 +32,7 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives, with_mass
 __all__ = ["CONTROL_PERIOD", "Plants"]
 
 CONTROL_PERIOD = 1e-3  # s
-_EXTRAS = 1  # number of the stream of noise (place 0) and delay (place 1) among those of a plant's seed
+_EXTRAS = 1  # number of the stream of noise (counter 0) and delay (counter 1) among those of a plant's seed
 
 
 class Plants:
@@ -47,7 +47,7 @@ class Plants:
     """
 
     def __init__(self, config: SweepConfig, members: Sequence[int], cases: Sequence[str]) -> None:
-        """Draw the plants with these numbers in the sweep."""
+        """Draw the plants with these indices in the sweep."""
         self.config, self.seeds = config, [config.seed + member for member in members]
         cells = _cells(config, members)
         self.envs = _environment(config, cells, len(members), cases)
@@ -92,7 +92,7 @@ def _environment(
 ) -> FuzzyArmVectorEnv:
     """Return the environment of `count` plants in these cases.
 
-    Each lane's own arm and disturbance hold the values of the grid, `cells`; the environment draws the rest. All chunks
+    Each lane's own arm and disturbance have the values of the grid, `cells`; the environment draws the rest. All chunks
     use the sub-step that the fastest plant of the sweep needs.
     """
     arm, drawn = config.arm, config.drawn()

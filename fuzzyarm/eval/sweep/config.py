@@ -177,7 +177,7 @@ class SweepConfig:
         return -(-self.total // self.chunk)
 
     def members(self, number: int) -> range:
-        """Return the numbers of the plants in a chunk."""
+        """Return the indices of the plants in a chunk."""
         return range(number * self.chunk, min((number + 1) * self.chunk, self.total))
 
     @property
@@ -197,9 +197,9 @@ class SweepConfig:
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
-        """Return the configuration with some fields given, and with defaults that fit them.
+        """Return the configuration with the fields `given`, and with defaults that fit them.
 
-        With a grid nothing else varies and each cell has one plant; for a robot the policies are `ANY_ROBOT`.
+        By default, with a grid nothing else varies and a cell has one plant; for a robot the policies are `ANY_ROBOT`.
         """
         defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
         if given.get("robot") is not None:

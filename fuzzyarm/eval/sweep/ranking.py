@@ -40,9 +40,9 @@ class _PlantStanding:
     """One policy of one sweep."""
 
     policy: str  # its label
-    source: str  # the file it is from
+    source: str  # the file that contains it
     score: Estimate | None  # see the module [mm]; None if too many episodes ended early
-    cases: dict[str, float | None]  # the 99 % quantile of each case [mm], by its name; None likewise
+    cases: dict[str, float | None]  # the 99 % quantile of each case [mm], by its name; None as for `score`
     ended_early: int  # number of episodes
     plants: int  # number in each case
     declared: Declared | None
@@ -95,9 +95,9 @@ def is_sweep(path: Path) -> bool:
 
 
 def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
-    """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that hold them.
+    """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that contain them.
 
-    It raises the errors of `rank_policies`.
+    The errors are those of `rank_policies`.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     again = "make it again with fuzzyarm sweep --out {}"
@@ -151,4 +151,4 @@ def _largest(found: Sequence[Sequence[float]]) -> Estimate | None:
     value, low, high = map(max, zip(*found, strict=True))
     if value == math.inf:
         return None
-    return Estimate(value, low, high) if low < math.inf else Estimate(value, None, None)  # a single plant has no ends
+    return Estimate(value, low, high) if low < math.inf else Estimate(value, None, None)  # a single plant: no interval

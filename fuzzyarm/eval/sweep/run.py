@@ -1,8 +1,8 @@
 """A sweep in its folder: how it is started, run chunk by chunk, resumed, summarised and replayed.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Resuming a sweep runs
-the chunks that are missing. ``run.json`` holds the identity of the sweep: the configuration and everything else on
-which the numbers depend, that is versions and code, added cases, and the files of the policies. Every file carries the
+the chunks that are missing. ``run.json`` contains the identity of the sweep: the configuration and everything else on
+which the results depend, that is versions and code, added cases, and the files of the policies. Every file carries the
 digest of the identity, and results of different identities are never mixed in one folder.
 """
 
@@ -54,7 +54,7 @@ class Sweep:
     Attributes:
         folder: the folder of the sweep.
         config: its configuration.
-        specs: by label, the specs of its policies; user code among them may run.
+        specs: by label, the specs of its policies; user code that they name is permitted to run.
         policies: by label, the policies loaded for its robot.
         digest: the digest of its identity.
     """
@@ -67,12 +67,12 @@ class Sweep:
 
     @classmethod
     def begin(cls, folder: Path, config: SweepConfig) -> Sweep:
-        """Begin a sweep in a folder that holds none; the folder is made if needed.
+        """Begin a sweep in a folder without one; the folder is made if needed.
 
         Policies of the form ``package.module:factory`` are imported: the caller trusts the configuration.
 
         Raises:
-            ValueError: the folder holds a sweep, or a policy is unknown, damaged or made for another robot, or two
+            ValueError: the folder has a sweep, or a policy is unknown, damaged or made for another robot, or two
                 policies have the same label; nothing is written then.
             OSError: a file cannot be read or written.
         """
@@ -105,7 +105,7 @@ class Sweep:
                 with its new path.
 
         Raises:
-            ValueError: the folder holds no sweep; its file is damaged or of another format; it was begun with another
+            ValueError: the folder has no sweep; its file is damaged or of another format; it was begun with another
                 configuration, code, version or policy file; or it names code that the user has not named.
             OSError: a file cannot be read.
         """
@@ -243,7 +243,7 @@ def _made_with() -> dict[str, str]:
 
 
 def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
-    """Return everything on which the numbers of a sweep depend, as data for JSON; the policies may run code."""
+    """Return everything on which the results of a sweep depend, as data for JSON; the policies may run code."""
     axes = 2 if config.robot is None else 3
     return {
         "config": _numbers(config.to_dict()),

@@ -50,7 +50,7 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the document that `fuzzyarm sweep --json` prints.
 
-    It holds the provenance, the configuration, the declarations of the policies (without `declared` those of the
+    It has the provenance, the configuration, the declarations of the policies (without `declared` those of the
     package's policies), and ``rows``. The row of a policy in a case has ``success`` and the quantiles of ``max_mm`` and
     ``rms_mm`` by level, each as value and interval, and ``worst``. A value of None is larger than any bound; a single
     plant has None for the ends of its intervals.
@@ -93,7 +93,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def _worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers (count,) of the worst plants: first by the time of an early end, then by decreasing error."""
+    """Return the indices (count,) of the worst plants: first by the time of an early end, then by decreasing error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 

@@ -66,7 +66,7 @@ _LANES, _SEED = 40, 11  # of the random arms of each group
 # single arm with large errors from dominating. It does not define a lost path, see `metrics.is_lost`.
 _CAP = 50.0
 _UNFIT = math.inf  # cost of weights for which there is no regulator
-_TAIL = 0.1  # weight of the worst arm; that of the mean is 1
+_TAIL = 0.1  # weight of the worst arm; the mean has weight 1
 _FEASIBLE = 0.95  # of the torque limits
 _LARGEST_FORCE, _LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
 _LONGEST_DELAY, _TORQUE_CONSTANT = 2, 0.1  # periods; share
@@ -176,7 +176,7 @@ def _noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
 
 
 def _weights_of(logarithms: np.ndarray) -> AdaptiveWeights:
-    """Return the weights of logarithms (9,) in `_BOX`, rounded."""
+    """Return the rounded weights with these logarithms (9,), in the order of `_BOX`."""
     return AdaptiveWeights(**dict(zip(_BOX, rounded(np.exp(logarithms), _DIGITS), strict=True)))
 
 

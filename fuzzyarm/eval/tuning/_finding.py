@@ -69,7 +69,7 @@ class Finding:
     schema: str
     arm_sha256: str  # `Robot.digest`
     policy: str
-    chosen: dict[str, float | None] | None  # the numbers by name, SI units; None: nothing was found
+    chosen: dict[str, float | None] | None  # the parameters by name, SI units; None: none were found
     measured: dict[str, float | None]  # the quantities that decided, by name
     radii: dict[str, float | None]  # spectral radius by condition of `fuzzyarm margins`; None where there is no loop
     tried: int  # candidates that were assessed
@@ -83,7 +83,7 @@ class Finding:
 
 
 def finite(values: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return numbers with None for those that are not finite, as JSON can hold them."""
+    """Return numbers for JSON, with None in place of those that are not finite."""
     return {name: float(x) if x is not None and math.isfinite(x) else None for name, x in values.items()}
 
 

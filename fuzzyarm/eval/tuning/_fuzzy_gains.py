@@ -197,7 +197,7 @@ PROVEN_SETS = {
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the bounds of a policy by the names of `PROVEN_SETS`; None and a sentence why where none is proven."""
+    """Return the bounds of a policy by the names in `PROVEN_SETS`, and notes; None and a note where unproven."""
     found: dict[str, float | None] = {}
     notes = []
     for name, (key, words) in PROVEN_SETS.items():

@@ -124,7 +124,7 @@ def _tip_errors(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed:
 
 
 def _weights_of(logarithms: np.ndarray) -> ObserverWeights:
-    """Return the weights of logarithms (4,) in `_BOX`, rounded; the encoder's are those of `ObserverWeights`."""
+    """Return the rounded weights for logarithms (4,) in `_BOX`; the encoder's are the defaults."""
     link_angle, link_rate, load_walk, motor_share = np.exp(logarithms)
     values = (link_angle, link_angle * link_rate, load_walk, load_walk * motor_share)
     return ObserverWeights(*rounded(values, _DIGITS))

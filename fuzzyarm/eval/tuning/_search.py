@@ -36,7 +36,7 @@ WORTH = 0.01
 Costs = Callable[[np.ndarray], float]
 """The objective at logarithms (n,) of weights."""
 
-_POINTS = 64  # of the Sobol set, of which a search takes the first ones; a power of two
+_POINTS = 64  # of the Sobol set, of which a search uses the first ones; a power of two
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Found(NamedTuple):
 
 
 def nothing(reason: str, tried: int) -> Found:
-    """Return the outcome of a search that found no numbers, with the reason and the number of candidates assessed."""
+    """Return the outcome of a search without a result, with the reason and the number of candidates assessed."""
     return Found(None, {}, {}, tried, (reason,))
 
 
@@ -103,11 +103,11 @@ class _Point(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class WeightSearch:
-    """The settings of a search for the weights of a law, whose `find` runs it."""
+    """The settings of a search for the weights of a law; `find` runs the search."""
 
     usual: Any  # the weights of Table 1
     guess: np.ndarray  # (n,), their logarithms in the coordinates of `box`
-    weights_of: Callable[[np.ndarray], Any]  # the weights of logarithms (n,)
+    weights_of: Callable[[np.ndarray], Any]  # returns the weights with these logarithms (n,)
     box: Mapping[str, tuple[float, float]]  # where the Sobol set lies; Nelder-Mead may leave it
     seed: int  # of the Sobol set
     unfit: float  # smallest cost of weights that violate the constraint

@@ -49,7 +49,7 @@ class Step(NamedTuple):
     choose: Callable[[Context], Found]
 
     def find(self, context: Context) -> Finding:
-        """Return the finding of the step; it has no numbers if the loop with the best ones is unstable."""
+        """Return the finding of the step; it has no parameters if the loop with the best ones is unstable."""
         found = self.choose(context)
         nominal = found.radii.get("nominal")
         if found.chosen is not None and (nominal is None or nominal >= 1.0):

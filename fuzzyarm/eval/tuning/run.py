@@ -52,7 +52,7 @@ _Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]  # see 
 
 
 class NothingFound(Exception):
-    """No policy has stable gains; the message says why for each."""
+    """No policy has stable gains; the message states the reason for each."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +106,7 @@ def _check_strength(arm: AnyArm) -> None:
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
-    """Return the arm of a folder whose tuning is resumed; ValueError without one, or if it is not `arm` (None: any)."""
+    """Return the arm of a folder whose tuning is resumed; ValueError if it has no arm, or not `arm` (None: any)."""
     if not (folder / IN_FOLDER).is_file():
         raise ValueError(f"{folder} contains no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
@@ -116,7 +116,7 @@ def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
 
 
 def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False, jobs: int | None = None) -> Tuned:
-    """Find the numbers of every model-based policy for an arm, as `fuzzyarm tune` does.
+    """Find the parameters of every model-based policy for an arm, as `fuzzyarm tune` does.
 
     Args:
         robot: an argument of `chosen_arm`; None: Table 1, or with `resume` the arm of the folder.

@@ -46,7 +46,7 @@ _WORDS = {  # and unit, by the name of a number
 
 
 def decision(finding: Finding) -> str:
-    """Return one line with the numbers chosen for a policy, or with the reason why it was left out."""
+    """Return one line with the parameters chosen for a policy, or with the reason why it was left out."""
     if finding.chosen is None:
         return f"left out. {finding.notes[-1] if finding.notes else ''}".rstrip()
     usual = _USUAL.get(finding.policy)
@@ -63,7 +63,7 @@ def _with_unit(name: str, value: float | None) -> str:
 
 
 def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict[str, Any]) -> str:
-    """Return the page of an arm that was tuned into a folder of this name; `margins` is that of `measure_margins`."""
+    """Return the page of an arm that was tuned into a folder of this name; `margins` is from `measure_margins`."""
     name = "A two-joint arm" if isinstance(arm, ArmParameters) else arm.name
     reference = default_reference(arm)
     parts = [
