@@ -45,7 +45,7 @@ def export_onnx(label: str, policy: Policy, folder: str | Path) -> Path:
 
     Inputs are `observation` (lanes, 5 n) [rad, rad/s, rad/s²] and `memory` (lanes, size), which must be zeros when
     an episode begins. Outputs are `torque` (lanes, n) [N m], `next_memory`, and `status` (lanes, 1), the return value
-    of the step in C. The last n numbers of the memory are the last torques.
+    of the step in C. The last n entries of the memory are the last torques.
 
     Raises:
         ValueError: the policy has no law or a law of too many operations, the package onnx is not installed, or the
@@ -141,7 +141,7 @@ class _Graph:
         return name
 
     def looked_up(self, column: np.ndarray, place: Any) -> Any:
-        """Return the entry of a table's column at index `place`; see `numbers.functions.row` for indices outside."""
+        """Return the entry of a table's column at index `place`; see `numbers.functions.row` for an index out of range."""
         last = float(len(column) - 1)
         within = self.apply("select", self.apply("<", place, last), place, last)
         row = self.apply("select", self.apply(">", place, 0.0), within, 0.0)

@@ -36,7 +36,7 @@ __all__ = ["certified_numbers", "default_certificate", "sheet_of"]
 
 @dataclasses.dataclass(frozen=True)
 class _Quantity:
-    """An array of numbers of a law."""
+    """A number or an array in the equations of a law."""
 
     name: str  # as in the equations
     unit: str  # of every entry; "-" without a unit, "SI" if rows have different units

@@ -67,7 +67,7 @@ class Search:
         return linear
 
     def without(self, which: np.ndarray) -> Search:
-        """Return the search in which the unknowns of the mask `which` (P,) are fixed at their values in `start`."""
+        """Return the search in which the unknowns in the mask `which` (P,) are fixed at their values in `start`."""
         kept, fixed = np.flatnonzero(~which), self.fixed + self.matrix[:, which] @ self.start[which]
         parts: dict[str, Any] = {
             name: getattr(self, name)[kept] for name in ("start", "likely", "scale", "low", "high")

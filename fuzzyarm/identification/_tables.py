@@ -140,7 +140,7 @@ class _Style:
             return math.nan if cell.lower() in _EMPTY else _seconds(cell)
 
     def score(self, lines: list[str]) -> tuple[int, int]:
-        """Return how many columns have numbers in most of the lines, and the width of the lines."""
+        """Return how many columns contain numbers in most of the lines, and the width of the lines."""
         rows = [self.cells(line.strip("\r\n")) for line in lines]
         ((width, agreed),) = Counter(map(len, rows)).most_common(1)
         if agreed < _AGREE * len(lines) or width > _MOST_COLUMNS:

@@ -217,7 +217,7 @@ class _Dealt:
         self.groups = _PARTS if self._length else min(len(lengths), _GROUPS)
 
     def chosen(self, parts: Sequence[Windows], group: int, *, inside: bool) -> list[Windows]:
-        """Return the windows inside a group or those of all other groups."""
+        """Return the windows of one group, or the windows of all other groups."""
         found = []
         for one in parts:
             if self._length:

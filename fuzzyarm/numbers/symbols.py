@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times, and its carried numbers before, inside, at the end of a round, and after."""
+    """A region that is run `count` times, with the carried numbers before, within, at the end of a round, and after."""
 
     count: Any
     region: Region

@@ -211,7 +211,7 @@ def stacked(rows: Sequence[Tensor]) -> Tensor:
 def by_step(schedule: Schedule) -> np.ndarray:
     """Return (steps, columns), a row per control step in the units of a schedule's table.
 
-    A row has the reference and target at the end of the step, and the force and bias during it.
+    A row contains the reference and target at the end of the step, and the force and bias during the step.
     """
     table, first_of_step = schedule.table, schedule.columns.force.start
     return np.concatenate([table[1:, :first_of_step], table[:-1, first_of_step:]], axis=-1)

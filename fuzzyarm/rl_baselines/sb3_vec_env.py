@@ -40,7 +40,7 @@ class StableBaselinesVecEnv(VecEnv):
     ``reason``. The other lanes share one empty info.
 
     Args:
-        envs: such as ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere. For
+        envs: for example ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere. For
             ``FuzzyArmLearn-v0`` call `learning_envs` instead.
 
     Raises:

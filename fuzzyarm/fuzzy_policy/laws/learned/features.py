@@ -105,7 +105,7 @@ class Features:
         return out
 
     def advance(self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any) -> _Remembered:
-        """Return the next memory for an observation, the result `told` of the method `told`, and an action (n,)."""
+        """Return the next memory for an observation, `told` from the method `told`, and an action (n,) in [-1, 1]."""
         past, feedforward, aim = told
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
