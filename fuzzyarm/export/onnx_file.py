@@ -141,7 +141,7 @@ class _Graph:
         return name
 
     def looked_up(self, column: np.ndarray, place: Any) -> Any:
-        """Return the entry of a table's column at index `place`; see `numbers.functions.row` for an index out of range."""
+        """Return the entry of a table's column at index `place`; see `numbers.functions.row` for indices beyond."""
         last = float(len(column) - 1)
         within = self.apply("select", self.apply("<", place, last), place, last)
         row = self.apply("select", self.apply(">", place, 0.0), within, 0.0)

@@ -40,8 +40,8 @@ class StableBaselinesVecEnv(VecEnv):
     ``reason``. The other lanes share one empty info.
 
     Args:
-        envs: for example ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere. For
-            ``FuzzyArmLearn-v0`` call `learning_envs` instead.
+        envs: for example ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere.
+            For ``FuzzyArmLearn-v0`` call `learning_envs` instead.
 
     Raises:
         ValueError: the environment does not reset itself within the step.
