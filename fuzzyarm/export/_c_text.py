@@ -31,11 +31,11 @@ __all__ = ["LARGEST", "LAW", "MODEL", "Recorded", "Unsupported", "program_of"]
 
 
 class Unsupported(ValueError):
-    """A part of a law that cannot be exported; the message says what it is, and where."""
+    """Error for a part of a law that cannot be exported; the message names the part and its place."""
 
 
-_LARGE = 16  # numbers from which an array lies in the state; compilers keep smaller arrays in registers
-_LARGEST = 2**18  # numbers allowed in all tables of a program: 2 MiB in double precision
+_LARGE = 16  # entries from which an array lies in the state; compilers keep smaller arrays in registers
+_LARGEST = 2**18  # entries allowed in all tables of a program: 2 MiB in double precision
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
 """Names in C of the input and output arrays of a step: those of a law, and those of a co-simulation model."""
@@ -115,7 +115,7 @@ class Recorded(_Program):
     ) -> None:
         """Record a function of numbers; `Unsupported` if it does something that cannot be written in C.
 
-        `given` has the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`.
+        `given` contains the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`.
         `words`, `LAW` or `MODEL`, names the arrays; `source` names the recorded function of the package; `contents` has
         the content of the tables.
         """
@@ -220,7 +220,7 @@ void {name}_init({name}_state *state);
 def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
     """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C.
 
-    With `limits_given`, the torque limits [N m] are the first numbers of the memory.
+    With `limits_given`, the memory begins with the torque limits [N m].
     """
     law, joints = law_of(policy), policy.joints
     if law is None:
@@ -291,7 +291,7 @@ _LOOSE = {*_FORMS, "real"} - {"not"}  # operations whose text needs brackets as 
 
 
 def _literal_of(number: float, real: str) -> str:
-    """Return a number as text; if too small for "float", the smallest normal number, since it guards a division."""
+    """Return a number as text; if too small for "float", the smallest normal one, since it guards a division."""
     if not math.isfinite(number):  # C99 has no literal for it
         top = _literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
         return f"({top} / {_literal_of(0.0, real)})"
@@ -534,7 +534,7 @@ class _Writer:
         return f"{name}_({_bare(texts[0])})"
 
     def _place(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the text of a number of an array."""
+        """Return the text of an entry of an array or a table."""
         if memory.startswith("table"):
             number = int(memory.removeprefix("table"))
             if not terms:

@@ -22,8 +22,8 @@ __all__ = ["Plant"]
 class Plant:
     """An elastic arm with friction that is stepped control period by control period.
 
-    Inputs are n motor torques [N m] and a force on the tip [N] with 2 or 3 components. The memory holds the 4 n numbers
-    of the state, `State`, then the mass of a payload at the tip [kg]. The output is the position of the tip [m].
+    Inputs are n motor torques [N m] and a force on the tip [N] with 2 or 3 components. The memory contains the 4 n
+    entries of `State`, then the mass of a payload at the tip [kg]. The output is the position of the tip [m].
     """
 
     def __init__(self, arm: AnyArm, control_period: float = 1e-3) -> None:

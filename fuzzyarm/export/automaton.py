@@ -5,8 +5,8 @@ With σ_j the direction of motor j, 0 where it sticks (Filippov), and u held for
     I θ̈ = u - Γ_t - f_v θ̇ - σ F(|θ̇|), or θ̇ = 0 in stick,    M(q) q̈ + C(q, q̇) q̇ + g(q) = Γ_t,
 
 and a motor sticks while |u - Γ_t| <= F(0). At each sample the clock is reset, and u becomes the output of the law, a
-separate file. The package's own functions of the plant write the equations, run on text: there is no second copy of
-them.
+separate file. The equations are obtained by running the package's own plant functions on text, so there is no second
+copy.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     every sample. NAME.onnx is the law as written by `export_onnx`.
 
     Raises:
-        ValueError: the problem has a robot other than a two-joint arm, a load of a case, sensor errors, a delay,
-            friction of any course, or a guest; or `export_onnx` refuses the policy.
+        ValueError: the problem has a robot other than a two-joint arm, a load of a case, encoder errors, delayed
+            torques, arbitrary friction, an additional tip force, or a guest; or `export_onnx` refuses the policy.
         OSError: a file exists or cannot be written.
     """
     plants = problem.plants

@@ -82,7 +82,7 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
 
 
 def compilers() -> list[str]:
-    """Return the names of the C compilers, of gcc and clang, that this machine has."""
+    """Return which of the C compilers gcc and clang this machine has, by name."""
     return [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
@@ -103,7 +103,7 @@ class _CompiledLaw:
     def run(
         self, observations: np.ndarray, starts: np.ndarray, memory: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return torques (calls, lanes, n) [N m] and memories (lanes, memory_size) after them.
+        """Return torques (calls, lanes, n) [N m] and the memories (lanes, memory_size) after the last call.
 
         Observations are (calls, lanes, 5 n); `starts` (calls, lanes) says whether an episode begins at a call; `memory`
         (lanes, memory_size) is the memory before the first call, by default zeros.

@@ -71,7 +71,7 @@ def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
         answer = "fmi2OK" if function in _IDLE else f'refused((Instance *)c, "@name@ has no {function}")'
         given = ", ".join(["fmi2Component c", *([arguments] if arguments else [])])
         text += f"\nOPEN fmi2Status NAMED({function})({given})\n{{\n{unused}    return {answer};\n}}\n"
-    text = re.sub(r"^(OPEN [^;{]*?\))\n\{", r"\1;\n\1\n{", text, flags=re.MULTILINE)  # a declaration before each
+    text = re.sub(r"^(OPEN [^;{]*?\))\n\{", r"\1;\n\1\n{", text, flags=re.MULTILINE)  # adds declarations
     return re.sub(r"@(\w+)@", lambda mark: {**numbers, "name": name}[mark[1]], text)
 
 
@@ -107,7 +107,7 @@ class _Variable(NamedTuple):
 def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
     """Write a policy as an FMU, named after its label, into a folder, which must exist; return the file.
 
-    Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
+    Inputs are the entries of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
     torques [N m], and parameters their limits, which can be lowered. ValueError if the policy's source has something
     that cannot be written in C, or the folder has another FMU of this name; OSError if the file cannot be written.
     """
@@ -136,11 +136,11 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
 def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) -> Path:
     """Write an arm as an FMU into a folder, which must exist; return the file.
 
-    Inputs are the motor torques [N m] and a force on the tip [N]; outputs are the 4 n numbers of the state [rad, rad/s]
+    Inputs are the motor torques [N m] and a force on the tip [N]; outputs are the 4 n entries of the state [rad, rad/s]
     and the position of the tip [m]; the mass of a payload at the tip [kg] is a parameter. The initial state is that of
     the environment, or the hanging arm where the default motion is out of reach; a host may set another one. ValueError
-    if the control period [s] is out of range, or the folder holds another FMU of this name; OSError if the file cannot
-    be written.
+    if the control period [s] is out of range, or the folder contains another FMU of this name; OSError if the file
+    cannot be written.
     """
     plant, start = Plant(arm, control_period), _start(arm)
     joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]

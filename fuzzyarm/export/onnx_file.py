@@ -1,7 +1,7 @@
 """A policy as ONNX: observation and memory in, torque and memory out, for any number of lanes, in double precision.
 
 The graph has the operations of the recorded program from which C is also written. Loops are unrolled. Both sides of a
-branch are computed, and each lane selects the numbers of its own side. onnxruntime gives the numbers of the policy,
+branch are computed, and each lane selects the values of its own side. onnxruntime gives the values of the policy,
 except that its Where returns 0 for -0.
 """
 
@@ -43,9 +43,9 @@ _OF_TRUTH = {"<", "<=", "==", ">", ">=", "&", "|", "not"}
 def export_onnx(label: str, policy: Policy, folder: str | Path) -> Path:
     """Write a policy as NAME.onnx, named after its label, into a folder, which must exist; return the file.
 
-    Inputs are `observation` (lanes, 5 n) [rad, rad/s, rad/s²] and `memory` (lanes, numbers), which must be zeros when
+    Inputs are `observation` (lanes, 5 n) [rad, rad/s, rad/s²] and `memory` (lanes, size), which must be zeros when
     an episode begins. Outputs are `torque` (lanes, n) [N m], `next_memory`, and `status` (lanes, 1), the return value
-    of the step in C. The last n numbers of the memory are the last torques.
+    of the step in C. The last n entries of the memory are the last torques.
 
     Raises:
         ValueError: the policy has no law or a law of too many operations, the package onnx is not installed, or the
@@ -141,7 +141,7 @@ class _Graph:
         return name
 
     def looked_up(self, column: np.ndarray, place: Any) -> Any:
-        """Return the number at a place of a column of a table; places as for `numbers.functions.row`."""
+        """Return the entry of a table's column at index `place`; see `numbers.functions.row` for indices beyond."""
         last = float(len(column) - 1)
         within = self.apply("select", self.apply("<", place, last), place, last)
         row = self.apply("select", self.apply(">", place, 0.0), within, 0.0)
@@ -178,7 +178,7 @@ class _Graph:
         return self._parts[name]
 
     def _needed(self, names: set[str]) -> list[Any]:
-        """Return the nodes from which numbers are computed, in order; their inputs are added to `names`."""
+        """Return the nodes from which `names` are computed, in order; add their inputs to `names`."""
         from onnx import helper
 
         nodes = list[Any]()
@@ -191,7 +191,7 @@ class _Graph:
 
 
 class _Run:
-    """A program that is run on the numbers of a graph; `outputs` are the numbers of all its ports."""
+    """A run of a program on the numbers of a graph; `outputs` are the numbers of all ports after the run."""
 
     def __init__(self, graph: _Graph, program: Program, inputs: Sequence[Any]) -> None:
         self._graph, self._program = graph, program
@@ -214,7 +214,7 @@ class _Run:
         return self._at(index.constant, index.terms.items())
 
     def _region(self, region: Region, runs: Any) -> None:
-        """Run a region; `runs`, a boolean or its name, is whether its stores take effect."""
+        """Run a region; `runs`, a boolean or a boolean's name, says whether the region's stores take effect."""
         for item in region.items:
             if isinstance(item, Symbol):
                 self._values[item] = self._operation(item)

@@ -36,7 +36,7 @@ __all__ = ["certified_numbers", "default_certificate", "sheet_of"]
 
 @dataclasses.dataclass(frozen=True)
 class _Quantity:
-    """An array of numbers of a law."""
+    """A number or an array in the equations of a law."""
 
     name: str  # as in the equations
     unit: str  # of every entry; "-" without a unit, "SI" if rows have different units
@@ -94,10 +94,10 @@ _Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # title, equations an
 
 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
-    """Return the numbers of a certificate with units as texts, rounded in the safe direction.
+    """Return the values of a certificate by name, as texts with units, rounded in the safe direction.
 
-    They follow from the controller's inequalities; ``claim`` is present if the policy leaves the box of these
-    inequalities along its reference.
+    They follow from the controller's inequalities. If the policy leaves the box of these inequalities along its
+    reference, the entry ``claim`` says that they are void.
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
@@ -281,7 +281,7 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
 
 
 def _arm(policy: Policy) -> tuple[_Quantity, ...]:
-    """Return the parameters of the arm in M, C, g and the drives."""
+    """Return the arm's parameters that occur in M, C, g and the drives."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
     drives = tuple(_Quantity(name, DRIVE_UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):

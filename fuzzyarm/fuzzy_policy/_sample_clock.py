@@ -7,7 +7,7 @@ relation checks it:
     q̇(t+T) - q̇(t) = T/2 (q̈(t) + q̈(t+T)) + O(T³).
 
 T is accepted only if it satisfies both relations in every joint: a reference at rest, a jump to a new episode and
-numbers that do not describe a motion give no T. With a single joint, two successive intervals must give the same T.
+values that do not describe a motion give no T. With a single joint, two successive intervals must give the same T.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ __all__ = [
 
 
 class Drives(NamedTuple):
-    """Motors and springs; each part is one number per joint, a single joint's number, or an array's row."""
+    """Motors and springs; each part is one value per joint, the value of a single joint, or a row of an array."""
 
     motor_inertia: Any
     viscous_friction: Any
@@ -31,7 +31,7 @@ class Drives(NamedTuple):
     dry_friction: DryFriction
 
 
-QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)  # names of the numbers of `Drives`, in order
+QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)  # names of the quantities in `Drives`, in order
 
 
 def checked_arm(name: str, arm: Any) -> AnyArm:

@@ -147,7 +147,7 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm, with its own arrays per thread: copying is faster than locating the caller's arrays."""
+    """A law for one arm, with its own arrays per thread; copying is faster than locating the caller's arrays."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque
@@ -171,7 +171,7 @@ _ACTING = {"predict", "command", "act"}
 
 
 def law_of(policy: Policy) -> Law | None:
-    """Return the law of a policy; None if it has none, or if a subclass overrides its action."""
+    """Return the law of a policy; None if there is no law, or if a subclass overrides `act`, `command` or `predict`."""
     for kind in type(policy).__mro__:
         if kind is LawPolicy or "control_law" in vars(kind):
             return policy.control_law if isinstance(policy, LawPolicy) else None

@@ -40,18 +40,18 @@ class Policy(abc.ABC):
     """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
     Torques are clipped to the robot's limits, and an integral is held while it would drive a torque further beyond its
-    limit (`command`). For n joints an observation has 5 n numbers and an action n.
+    limit (`command`). For n joints an observation has 5 n entries and an action has n.
 
     Attributes:
         parameters: the two-joint arm or the robot, as the policy knows it.
         joints: number of joints n.
         control_period: T, time between two calls of `predict` [s].
-        memory_size: size of a lane's memory, which is zero when an episode begins. By default one number per joint: the
+        memory_size: size of a lane's memory, which is zero when an episode begins. By default one entry per joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         torque_limit: largest torques (n,) [N m].
         action_period: time for which an action is held [s]; by default the control period.
-        remake: function that makes this policy for another control period [s]; None if the user specified one.
-        integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None without any.
+        remake: function that makes this policy for another control period [s]; None if the user specified the period.
+        integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None without integrals.
     """
 
     integral_at: int | None = None
@@ -75,7 +75,7 @@ class Policy(abc.ABC):
         return {name: value for name, value in self.__dict__.items() if name != "_clock"}
 
     def without_dry_friction(self) -> Policy:
-        """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
+        """Return this policy for an arm without dry friction; the policy itself if it has no model of dry friction."""
         return self
 
     @abc.abstractmethod
@@ -144,8 +144,8 @@ class Policy(abc.ABC):
             Torques, (n,) or (lanes, n), and the state, (memory_size,) or (lanes, memory_size).
 
         Raises:
-            TypeError: an argument is not of real numbers.
-            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
+            TypeError: an argument does not consist of real numbers.
+            ValueError: an argument has a wrong shape; an entry of the observation is not finite, or so large that no
                 torque follows.
         """
         batch = _checked_observation(observation, self.joints)

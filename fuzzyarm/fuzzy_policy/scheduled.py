@@ -37,7 +37,7 @@ FORM = "semidefinite"
 _SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
 MOST_PREMISES = 4
-TWIST = 6  # numbers of a base's twist, linear before angular velocity
+TWIST = 6  # entries of a base's twist, linear before angular velocity
 _ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
 _NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 
@@ -83,7 +83,7 @@ _FIELDS = {
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledController(SignedController):
-    """Gains of the law above, and the numbers of its proof; n joints, N = 2^premises rules."""
+    """Gains of the law above, and the data of its proof; n joints, N = 2^premises rules."""
 
     robot: Robot  # the robot it was designed for
     premises: tuple[Premise, ...]  # the kept premises, of different joints up to `split`

@@ -50,12 +50,12 @@ def decoded(value: Any) -> Any:
 
 
 def _digest_of(document: dict[str, Any]) -> str:
-    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes, not forgeries."""
+    """Return the SHA-256 of a document's canonical JSON, which detects accidental changes but not forgeries."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
 _MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
-_LARGEST = 1e60  # magnitude of an array's entry
+_LARGEST = 1e60  # largest magnitude of an array's entry
 _Built = TypeVar("_Built")
 
 

@@ -8,9 +8,9 @@ from fuzzyarm.envs.observation import JOINTS
 __all__ = ["ERROR_STATES", "INTEGRAL", "PLANT", "PLANT_STATES", "POSITION", "SCALAR_STATES", "VELOCITY"]
 
 POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
-"""Angles, velocities and, with the integral, x_I = ∫ (q - q_d) dt; one number per joint in each."""
+"""Angles, velocities and, with the integral, x_I = ∫ (q - q_d) dt; one entry per joint in each."""
 
 PLANT = slice(POSITION.start, VELOCITY.stop)  # the error of the plant, (e, ė), in ē
-PLANT_STATES: int = VELOCITY.stop  # numbers in x
-ERROR_STATES: int = INTEGRAL.stop  # numbers in ē with the integral; without it there are `PLANT_STATES`
-SCALAR_STATES = 3  # numbers of one joint in ē with the integral: (e, ė, x_I)
+PLANT_STATES: int = VELOCITY.stop  # size of x
+ERROR_STATES: int = INTEGRAL.stop  # size of ē with the integral; without it the size is `PLANT_STATES`
+SCALAR_STATES = 3  # entries of ē per joint with the integral: (e, ė, x_I)

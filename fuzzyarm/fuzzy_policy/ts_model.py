@@ -191,7 +191,7 @@ class TSModel:
             if name not in self.kept:
                 side = "E" if index == 0 else "A"
                 slope, (low, high) = terms[side][1][index], bounds[index]
-                # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
+                # H selects the rows on which the premise acts, and W consists of these rows; Hᵀ W is exactly the slope.
                 rows = [row for row in range(PLANT_STATES) if any(entry != 0 for entry in slope[row])]
                 H, W = np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows]
                 uncertainties.append(Uncertainty((name,), side, H, W))

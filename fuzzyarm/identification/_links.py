@@ -1,13 +1,13 @@
 """The parameters of a robot with n joints from logs: weighted linear least squares over bodies that can exist.
 
-With motor and link as one body, the torques are linear in ten numbers of each link, in the frame of its joint, and four
-of each joint:
+With motor and link as one body, the torques are linear in ten parameters of each link, in the frame of its joint, and
+four of each joint:
 
     Γ = Y(q, q̇, q̈) π,    π_i = (m, m c, J),    and    I_a q̈ + f_v q̇ + Γ_fc sign q̇ + offset
 
-J is the inertia about the frame's origin. The logs determine only as many combinations of the links' numbers as Y has
-independent columns (QR with pivoting); the starting robot, a weak prior, determines the rest. A body with these numbers
-can exist if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
+J is the inertia about the frame's origin. The logs determine only as many combinations of the links' parameters as Y
+has independent columns (QR with pivoting); the starting robot, a weak prior, determines the rest. A body with these
+parameters can exist if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
 
     [[½ tr(J) 1 - J, m c], [(m c)ᵀ, m]] > 0
 
@@ -33,7 +33,7 @@ from fuzzyarm.identification.log import Log, Motion
 
 __all__ = ["RobotFit", "body_regressor", "estimated_robot"]
 
-_BODY, _DRIVE = 10, 4  # numbers of a link and of a joint
+_BODY, _DRIVE = 10, 4  # parameters of a link and of a joint
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # entries of J, in their order in π
 _ENTRIES = tuple("xyz"[i] + "xyz"[j] for i, j in _PAIRS)
 _SLOWEST = 0.05  # rad/s: below this speed, the sign of a joint's friction is uncertain
@@ -54,7 +54,7 @@ class RobotFit(NamedTuple):
 
     robot: Robot
     rows: tuple[dict[str, Any], ...]
-    held_out: dict[str, tuple[float, ...]]  # by joint, share of the torque left unexplained by start and robot
+    held_out: dict[str, tuple[float, ...]]  # share of each joint's torque left unexplained, for start and robot
     remarks: tuple[str, ...]
     curves: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]  # name, times [s], measured and computed torques
     interrupted: bool
@@ -70,13 +70,13 @@ class _Samples(NamedTuple):
 
 
 def body_regressor(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-    """Return the columns of Y of the links, (N, n, 10 n), for q, q̇ and q̈ (N, n), in the order (m, m c, J) of each link.
+    """Return the columns of Y for the links, (N, n, 10 n), at q, q̇ and q̈ (N, n); order (m, m c, J) for each link.
 
-    The inverse dynamics are linear in these numbers: each column is the torque of a robot whose other numbers are 0.
-    The column of a moment m c is the difference between those of two bodies of mass 1.
+    The inverse dynamics are linear in the parameters: a column is the torque of a robot with one parameter 1, others 0.
+    The column of a moment m c is the difference between the columns of two bodies of mass 1.
     """
     n, body = len(robot), Link(1.0, (0.1, 0.2, 0.3), ((1.0, 0.1, 0.2), (0.1, 1.1, 0.3), (0.2, 0.3, 1.2)))
-    general = dataclasses.replace(  # so that its equations contain every number of a link
+    general = dataclasses.replace(  # so that its equations contain every parameter of a link
         robot, joints=tuple(dataclasses.replace(joint, link=body) for joint in robot.joints)
     )
     physics = equations_of(general)
@@ -115,7 +115,7 @@ def _numbers_of(robot: Robot) -> np.ndarray:
 
 
 def _robot_with(pi: np.ndarray, start: Robot) -> Robot:
-    """Return the robot with numbers π (14 n,)."""
+    """Return the robot with parameters π (14 n,)."""
     joints = []
     for k, joint in enumerate(start.joints):
         mass, *moment = pi[_BODY * k : _BODY * k + 1 + DIMENSIONS].tolist()
@@ -152,7 +152,7 @@ def _samples_of(robot: Robot, motion: Motion, period: float, most: int) -> _Samp
 
 
 class _Cones:
-    """The scaled pseudo-inertias of all links, and the numbers of the joints, as linear functions of scaled π."""
+    """The scaled pseudo-inertias of all links, and the parameters of the joints, as linear functions of scaled π."""
 
     def __init__(self, robot: Robot) -> None:
         n = len(robot)
@@ -212,12 +212,12 @@ class _Cones:
 
 class _Fit(NamedTuple):
     pi: np.ndarray  # (14 n,)
-    deviation: np.ndarray  # of each number for independent noise, in scales, (14 n,)
+    deviation: np.ndarray  # of each parameter for independent noise, in scales, (14 n,)
     half_width: np.ndarray | None  # of the 95 % intervals between logs, (14 n,)
 
 
 def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, told: np.ndarray) -> _Fit:
-    """Return the numbers of the robot; joint numbers outside the mask `told` (4 n,) stay near those of the start."""
+    """Return the robot's parameters; joint parameters outside the mask `told` (4 n,) stay near those of the start."""
     prior, n, sigma = _numbers_of(start), len(start), np.ones(len(start))
     weights = [part.moving.astype(float) for part in parts]
     pi = prior
@@ -309,7 +309,7 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
 
 
 def _shares(pairs: Sequence[tuple[_Samples, np.ndarray]]) -> tuple[float, ...]:
-    """Return the share of the torques that the numbers leave unexplained, by joint: rms residual over rms torque."""
+    """Return the share of each joint's torque that the parameters leave unexplained: rms residual over rms torque."""
     left = np.concatenate([(part.torque - part.Y @ pi) * part.moving for part, pi in pairs])
     torque = np.concatenate([part.torque * part.moving for part, _ in pairs])
     return tuple(np.sqrt(np.mean(left**2, axis=0) / np.maximum(np.mean(torque**2, axis=0), 1e-300)).tolist())

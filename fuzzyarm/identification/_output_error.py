@@ -42,9 +42,9 @@ _LEVEL = 0.975  # level of the quantile for a 95 % interval
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Search:
-    """P unknown numbers z, and the map from z to the arm's vector θ: θ = T z + t, with some rows exponentiated."""
+    """P unknowns z, and the map from z to the arm's vector θ: θ = T z + t, with some rows exponentiated."""
 
-    names: tuple[str, ...]  # one for each number
+    names: tuple[str, ...]  # one for each unknown
     units: tuple[str, ...]
     matrix: np.ndarray  # T, (17, P)
     fixed: np.ndarray  # t, (17,)
@@ -57,7 +57,7 @@ class Search:
 
     @property
     def exponential(self) -> np.ndarray:
-        """Which numbers are logarithms, (P,)."""
+        """Mask (P,) of the unknowns that are logarithms."""
         return np.asarray(self.matrix[self.logarithmic].any(axis=0))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ class Search:
         return linear
 
     def without(self, which: np.ndarray) -> Search:
-        """Return the search in which the numbers of the mask `which` (P,) are fixed at their values in `start`."""
+        """Return the search in which the unknowns in the mask `which` (P,) are fixed at their values in `start`."""
         kept, fixed = np.flatnonzero(~which), self.fixed + self.matrix[:, which] @ self.start[which]
         parts: dict[str, Any] = {
             name: getattr(self, name)[kept] for name in ("start", "likely", "scale", "low", "high")
@@ -82,7 +82,7 @@ class Found:
 
     search: Search
     z: np.ndarray  # (P,)
-    states: list[np.ndarray]  # initial states of each `Windows`, (n, S)
+    states: list[np.ndarray]  # initial states for each `Windows` object, (n, S)
     hessian: np.ndarray  # H, (P, P), with the prior
     slopes: np.ndarray  # g_l of each log, (L, P)
     interrupted: bool = False
@@ -93,7 +93,7 @@ class Found:
         return self.search.theta(self.z[:, np.newaxis])[:, 0]
 
     def named(self) -> dict[str, float]:
-        """Return the numbers by name, without logarithms, and the sum of rotor and link 1 if both are unknown."""
+        """Return the unknowns by name, not as logarithms, and the inertia of rotor 1 plus link 1 if both are free."""
         values = np.where(self.search.exponential, np.exp(np.minimum(self.z, 50.0)), self.z)
         found = dict(zip(self.search.names, values.tolist(), strict=True))
         parts = ("inertia[0]", "motor_inertia[0]")
@@ -104,7 +104,7 @@ class Found:
         return (self.z > self.search.low + near) & (self.z < self.search.high - near)
 
     def told(self) -> np.ndarray:
-        """Return which numbers the logs determine, (P,): those with a deviation far below the scale, or at a bound."""
+        """Return the mask (P,) of unknowns that the logs determine: deviation far below the scale, or at a bound."""
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(self.hessian, hermitian=True))))
         return np.asarray((deviation < _TOLD * self.search.scale) | ~self._free())
 
@@ -122,7 +122,7 @@ class Found:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Step:
-    """The normal equations at one z: those of the parameters, with the states of each window eliminated."""
+    """The normal equations of the parameters at one z, with the states of each window eliminated."""
 
     hessian: np.ndarray  # (P, P), without the prior
     slope: np.ndarray  # gradient, (P,)
@@ -140,7 +140,7 @@ class _Problem:
         self.logs = sorted({one.log for one in windows})
 
     def residuals(self, z: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the residuals of each `Windows` [rad], (S, rows)."""
+        """Return an array of residuals (S, rows) [rad] for each `Windows` object."""
         theta, found = self.search.theta(z[:, np.newaxis]), []
         for one, lanes in zip(self.windows, states, strict=True):
             angles = simulated(self.simulator, one, np.repeat(theta, len(one), axis=1), lanes, self.arm)
@@ -148,7 +148,7 @@ class _Problem:
         return found
 
     def costs(self, residuals: list[np.ndarray], states: list[np.ndarray], s: float) -> np.ndarray:
-        """Return the cost of each window, the windows of all logs one after the other."""
+        """Return the costs of the windows of all logs, in order."""
         known = self.simulator.known[:, np.newaxis]
         parts = zip(residuals, states, self.guess, strict=True)
         return np.concatenate(
@@ -202,7 +202,7 @@ def fitted(
     Args:
         windows: the windows of all logs.
         simulator: the plant.
-        search: the unknown numbers.
+        search: the unknowns.
         arm: the arm with the parameters that θ does not contain.
         noise: noise of the angles [rad], a lower bound on s.
         steps: largest number of Gauss-Newton steps.
@@ -256,7 +256,7 @@ def _total(costs: np.ndarray, knee: float, known: np.ndarray, away: np.ndarray) 
 
 
 def _moved(z: np.ndarray, hessian: np.ndarray, slope: np.ndarray, damping: float, search: Search) -> np.ndarray:
-    """Return z after a damped step; a number at a bound stays there if the cost falls beyond the bound."""
+    """Return z after a damped step; an unknown at a bound stays there if the cost falls beyond the bound."""
     near = _SMALL * search.scale
     stuck = ((z <= search.low + near) & (slope > 0.0)) | ((z >= search.high - near) & (slope < 0.0))
     free, step = ~stuck, np.zeros(len(z))

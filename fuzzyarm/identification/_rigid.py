@@ -1,4 +1,4 @@
-"""The rigid arm from logs: weighted linear least squares on the inverse dynamics, and the vector θ of an arm's numbers.
+"""The rigid arm from logs: weighted linear least squares on the inverse dynamics, and the vector θ of the parameters.
 
 With motor and link as one body, the torques are linear in nine base parameters π, none of which is negative:
 
@@ -10,9 +10,9 @@ because angles and accelerations have errors, too; samples that fit badly have l
 a prior for the first five entries, with a standard deviation of half of each value, for I_a2 of twice its value.
 
 The vector θ contains the parameters that logs of the motors may determine. Lengths, masses and gravity keep their
-starting values: eight numbers describe two links in a plane, but the motors' torques depend only on four combinations,
-m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other four; mass
-centers and moments of inertia follow.
+starting values: eight parameters describe two links in a plane, but the motors' torques depend only on four
+combinations, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other
+four; mass centers and moments of inertia follow.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = [
 
 
 class _Unknown(NamedTuple):
-    """A number of the arm that a log may determine: a field of `ArmParameters`, and the joint (None: both)."""
+    """A parameter of the arm that a log may determine: a field of `ArmParameters`, and the joint (None: both)."""
 
     field: str
     joint: int | None
@@ -66,7 +66,7 @@ def start_of(arm: ArmParameters) -> np.ndarray:
 
 
 def arm_of(theta: np.ndarray, arm: ArmParameters) -> ArmParameters:
-    """Return `arm` with the entries of θ (17,); static friction is raised to Coulomb friction where it is below it.
+    """Return `arm` with the entries of θ (17,); static friction below Coulomb friction is raised to it.
 
     ValueError: an entry is out of range for `ArmParameters`.
     """
@@ -97,13 +97,13 @@ _LIKELY, _LIKELY_ROTOR = 0.5, 2.0  # standard deviations of the prior, as shares
 _LEAST_NOISE, _TURN_NOISE = 0.02, 0.04  # noise: share of the largest torque; share of each term of a torque
 _HUBER = 2.5  # standard deviations
 _PASSES = 4
-_MEDIAN_SQUARE = 0.455  # of a standard normal number
+_MEDIAN_SQUARE = 0.455  # of a standard normal variable
 _INERTIAL, _ROTOR = 5, 3  # number of entries of π before those of friction; index of rotor 2
-_LEAST = 1e-3  # lower bound of a positive number, in scales
+_LEAST = 1e-3  # lower bound of a positive parameter, in scales
 
 
 def rotor_share(arm: ArmParameters) -> float:
-    """Return the share of rotor 1 in the inertia of rotor and link 1 [0, 1], which no log of a rigid arm determines."""
+    """Return the share [0, 1] of rotor 1 in the inertia of rotor and link 1, which no log of a rigid arm determines."""
     return arm.motor_inertia[0] / (arm.motor_inertia[0] + arm.inertia[0])
 
 

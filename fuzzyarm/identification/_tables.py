@@ -60,7 +60,7 @@ class Table:
 
 
 def listing(names: Iterable[str], most: int = 12) -> str:
-    """Return the first `most` names, separated by commas, and the number of further ones; "none" without names."""
+    """Return the first `most` names, separated by commas, and the count of further names; "none" without names."""
     every = list(names)
     return ", ".join(map(shown, every[:most])) + f" and {len(every) - most} more" * (len(every) > most) or "none"
 
@@ -128,7 +128,7 @@ class _Style:
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
 
     def is_worded(self, line: str) -> bool:
-        """Return whether each cell of a line has a word."""
+        """Return whether each cell of a line contains a word."""
         cells = self.cells(line)
         return len(cells) == self.width and all(cell and self.number(cell) is None for cell in cells)
 
@@ -140,7 +140,7 @@ class _Style:
             return math.nan if cell.lower() in _EMPTY else _seconds(cell)
 
     def score(self, lines: list[str]) -> tuple[int, int]:
-        """Return how many columns have numbers in most of the lines, and the width of the lines."""
+        """Return how many columns contain numbers in most of the lines, and the width of the lines."""
         rows = [self.cells(line.strip("\r\n")) for line in lines]
         ((width, agreed),) = Counter(map(len, rows)).most_common(1)
         if agreed < _AGREE * len(lines) or width > _MOST_COLUMNS:

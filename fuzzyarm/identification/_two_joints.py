@@ -47,7 +47,7 @@ _LIKELY, _LIKELY_ROTOR, _LIKELY_SPRING = 0.5, 2.0, 1.5  # prior deviations: shar
 _ROTOR = 0.1, 0.9  # assumed limits of the rotor's share in the inertia of rotor and link
 _FRICTION = 0.2  # scale of friction, as a share of a joint's torque
 _STIFF, _WIDEST = 60.0, 3.0  # Hz; largest factor between a stiffness that counts as determined and its interval's ends
-_LEAST, _FARTHEST = 1e-3, 2.0  # lower bound of a number, in scales; upper bound of a mass center, in link lengths
+_LEAST, _FARTHEST = 1e-3, 2.0  # lower bound of an unknown, in scales; upper bound of a mass center, in link lengths
 _MEDIAN, _FOURTH = 0.6744897501960817, 70.0**0.5  # median of |x| for normal x; norm of the coefficients 1, -4, 6, -4, 1
 _PLACES = {one.name: k for k, one in enumerate(UNKNOWNS)}
 
@@ -59,7 +59,7 @@ class Stages:
     start: ArmParameters
     arm: ArmParameters  # the best so far
     found: Found | None = None  # result of the last stage that counts
-    untold: tuple[str, ...] = ()  # numbers of the rigid arm that the logs do not determine
+    untold: tuple[str, ...] = ()  # parameters of the rigid arm that the logs do not determine
     is_elastic: bool = False
     is_sticking: bool = False  # whether the last stage that counts has exact stick
     start_error: np.ndarray | None = None  # held-out error of the start's rigid arm [rad], (2,)
@@ -73,7 +73,7 @@ class Stages:
     ) -> None:
         """Adopt a stage's result.
 
-        Unless it determines them, static friction over Coulomb friction and the inertia of rotor 1 are the start's.
+        If undetermined, the ratio of static to Coulomb friction and the inertia of rotor 1 keep their start values.
         """
         theta = found.theta.copy()
         if is_sticking:
@@ -120,7 +120,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
     start = stages.start
 
     def moving(length: float, every: float, points: int, most: int) -> list[Windows]:
-        """Return the windows of the logs that have any; see `windows_of`."""
+        """Return the windows of each log in which the arm moves; see `windows_of`."""
         parts = [windows_of(log, k, length, every, points, max(most // len(logs), 1)) for k, log in enumerate(logs)]
         return [one for one in parts if len(one)]
 
@@ -217,7 +217,7 @@ class _Dealt:
         self.groups = _PARTS if self._length else min(len(lengths), _GROUPS)
 
     def chosen(self, parts: Sequence[Windows], group: int, *, inside: bool) -> list[Windows]:
-        """Return the windows inside a group or those of all other groups."""
+        """Return the windows of one group, or the windows of all other groups."""
         found = []
         for one in parts:
             if self._length:
@@ -236,19 +236,19 @@ _RISES = ("static_friction[0] - coulomb_friction[0]", "static_friction[1] - coul
 
 
 def units_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the units of numbers with these names, which may be sums."""
+    """Return the units of the parameters with these names, which may be sums."""
     units = {one.name: one.unit for one in UNKNOWNS}
     return tuple(units[name.split(" ")[0]] for name in names)
 
 
 def _rigid_numbers(arm: ArmParameters) -> np.ndarray:
-    """Return the numbers of `_RIGID_NAMES`, (9,)."""
+    """Return the values of `_RIGID_NAMES`, (9,)."""
     sums = arm.inertia[0] + arm.motor_inertia[0], arm.inertia[1], *arm.mass_center, arm.motor_inertia[1]
     return np.array([*sums, *arm.viscous_friction, *arm.coulomb_friction])
 
 
 def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray:
-    """Return T: each number is the parameter with its name, or sets the parameters in `of` with their factors."""
+    """Return T: an unknown is the parameter with its name, or sets the parameters in `of` with their factors."""
     T = np.zeros((len(UNKNOWNS), len(names)))
     for column, name in enumerate(names):
         for parameter, factor in of.get(name, {name: 1.0}).items():
@@ -259,7 +259,7 @@ def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray
 def _rigid_search(
     start: ArmParameters, friction: np.ndarray, *, stribeck: bool, ratio: Sequence[float] | np.ndarray = (1.0, 1.0)
 ) -> Search:
-    """Return the search for the rigid arm, with the start as a prior for all numbers except friction.
+    """Return the search for the rigid arm, with the start as a prior for all parameters except friction.
 
     `friction` (4,) contains the scales of viscous [N m s/rad] and of dry friction [N m]; `ratio` is the ratio of static
     to Coulomb friction.

@@ -52,7 +52,7 @@ _SIGNS = {  # of angles 1 and 2 and torques 1 and 2; a change of all four mirror
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """The conversion of a log's numbers to the package's angles and torques; by default nothing changes."""
+    """The conversion of a log's data to the package's angles and torques; by default nothing changes."""
 
     words: tuple[str, ...] = ()  # the conventions of the log that differ from the package's
     angle: tuple[float, float] = (1.0, 1.0)  # factors of the joints' angles
@@ -144,7 +144,7 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
-    """Yield the log as it is, then readings with one or two changes; only if `several`, some scale torques alone."""
+    """Yield the log as it is, then readings with one or two changes; with `several` logs, some scale torques alone."""
     one, degree = (1.0, 1.0), math.pi / 180.0
     already = "seem to be on the joint's side of the gears even without --gear"
     units = [("", one, one), ("the angles seem to be in degrees", (degree, degree), one)]

@@ -108,7 +108,7 @@ class _Excitation(Reference):
     def condition(self) -> float:
         """Return the condition number of the regressor, with each column in units of the arm's base parameter.
 
-        Each unit is at least the value that needs a hundredth of the torque limit (rms).
+        A unit is at least the value for which the column has an rms of a hundredth of the torque limit.
         """
         arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
         rows = regressor(*sample, arm.length[0], arm.gravity)
@@ -198,8 +198,8 @@ def rehearsed(
 ) -> Log:
     """Return the log of a motion of a simulated arm, one sample per millisecond; the controller's model is `known`.
 
-    `noise` disturbs angles [rad] and velocities [rad/s]; `bandwidth` is that of the controller [rad/s] (default: that
-    of `ComputedTorquePolicy`). ValueError: the arm left its limits.
+    `noise` disturbs angles [rad] and velocities [rad/s]; `bandwidth` is that of the controller [rad/s] (default: the
+    default of `ComputedTorquePolicy`). ValueError: the arm left its limits.
     """
     env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
     policy = ComputedTorquePolicy(known, bandwidth=bandwidth)

@@ -60,7 +60,7 @@ class Log:
         torque: Γ [N m], shape (N, n); row k is held from instant k to instant k + 1.
         velocity: q̇_a [rad/s], shape (N, n), or None.
         name: the log's name in messages; for a log from a file, the name of the file.
-        remarks: the changes made to the numbers of the file, one sentence each.
+        remarks: the changes made to the data of the file, one sentence each.
 
     Raises:
         TypeError: an entry is not a real number.

@@ -329,7 +329,7 @@ def _pieces(
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
 def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
-    """Return an angle (N,) without jumps across its range by a turn, 360 or, for whole numbers, a power of two."""
+    """Return an angle (N,) without jumps across its range: by a turn, 360 or, for whole numbers, a power of two."""
     steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
     span = np.ptp(angle) / (1.0 + _WRAPPED)
     for size in (turn, 360.0, *counters):
@@ -345,7 +345,7 @@ def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) ->
 
 @np.errstate(over="ignore", invalid="ignore")
 def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[str], remarks: list[str]) -> np.ndarray:
-    """Return which rows (N,) have a stray angle or torque, far from the values before and after; (N, n) in any unit.
+    """Return the mask (N,) of rows with a stray angle or torque, far from its neighbours; both (N, n), in any unit.
 
     A stray torque differs from the running median by many times the largest running median; a stray angle differs from
     it by far more than the steps nearby. ValueError: too many rows have a stray value.
@@ -428,7 +428,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
 def _even(
     stamps: np.ndarray, lines: np.ndarray, torque: np.ndarray, delay: float, remarks: list[str]
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the period [s], and interpolated `lines` and mean torques at even instants from first to last stamp."""
+    """Return the period [s], and interpolated `lines` and mean torques at evenly spaced instants of the record."""
     steps = np.diff(stamps)
     period = float(np.median(steps))
     uneven = np.abs(steps - period) > _EVEN * period

@@ -74,7 +74,7 @@ class Identified:
         return tuple(row["name"] for row in self.parameters if row["needed"] and not row["told"])
 
     def remarks(self) -> list[str]:
-        """Return remarks on the numbers, one or two sentences each."""
+        """Return remarks on the results, one or two sentences each."""
         return list(self._remarks)
 
     def to_toml(self) -> str:
@@ -261,7 +261,7 @@ def _row(
 
 
 def _named(arm: ArmParameters) -> dict[str, float]:
-    """Return the numbers of an arm by name, with the sums and differences that a search may contain."""
+    """Return the parameters of an arm by name, with the sums and differences that a search may contain."""
     named = dict(zip(_NAMES, start_of(arm).tolist(), strict=True))
     named["inertia[0] + motor_inertia[0]"] = named["inertia[0]"] + named["motor_inertia[0]"]
     for joint in (0, 1):

@@ -18,7 +18,7 @@ from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol, W
 
 __all__ = ["EIGHT", "WIDE", "Layout", "kernel_text"]
 
-_Number = tuple[int, int, int, str]  # port, place in it, place among all numbers, and name of a number
+_Number = tuple[int, int, int, str]  # port, index in the port, index among all numbers, and name of a number
 EIGHT = 8  # numbers that are exchanged between vectors together
 _EXCHANGED = {1: (0, 8, 2, 10, 4, 12, 6, 14), 2: (0, 1, 8, 9, 4, 5, 12, 13), 4: (0, 1, 2, 3, 8, 9, 10, 11)}
 _BINARY = {
@@ -32,7 +32,7 @@ _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
 
 
 def _row_of(item: Any) -> Any:
-    """Return place and table of a look-up in a row, by which such look-ups are grouped; None for other items."""
+    """Return row and table of a look-up, the key by which look-ups are grouped; None for other items."""
     if isinstance(item, Symbol) and item.operation == "row":
         return item.operands[0] if isinstance(item.operands[0], float) else id(item.operands[0]), item.detail[0]
     return None
@@ -46,11 +46,11 @@ WIDE = 16  # arms per vector if there are many
 
 
 class Layout(enum.Enum):
-    """How the numbers of a port lie in its array.
+    """The arrangement of a port's numbers in its array.
 
     `ROWS`: (arms, numbers), the numbers of an arm side by side; rows may have gaps. `COLUMNS`: (numbers, arms), the
     arms side by side. `BLOCKS`: (blocks, numbers, `WIDE`), `WIDE` arms in each block; the last one may have unused
-    places, which are also written.
+    entries, which are also written.
     """
 
     ROWS = enum.auto()
@@ -107,7 +107,7 @@ class _Writer:
         return f"splat ({kind} {text})" if self.width > 1 else text
 
     def spread(self, out: str, kind: str, one: str) -> None:
-        """Write the vector `out`, with the number `one` at each place."""
+        """Write the vector `out`, with the number `one` in each entry."""
         vector = f"<{self.width} x {kind}>"
         first = self.new(f"insertelement {vector} poison, {kind} {one}, i64 0")
         self.put(f"{out} = shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
@@ -172,7 +172,7 @@ class _Writer:
         return text
 
     def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the pointer to a number of a table, or to the numbers of an array for all arms of the group."""
+        """Return the pointer to an entry of a table, or to an entry of an array for all arms of the group."""
         key = memory, constant, tuple(sorted(terms))
         for held in reversed(self.places):
             if key in held:
@@ -189,7 +189,7 @@ class _Writer:
         self.places.pop()
 
     def load(self, one: Symbol, out: str) -> None:
-        """Load a number of an array or of a table."""
+        """Load an entry of an array or of a table."""
         pointer, spread = self.memory(*one.detail), one.detail[0].startswith("table") and not one.uniform
         if spread and self.width > 1:
             self.spread(out, "double", self.new(f"load double, ptr {pointer}, align 8"))
@@ -205,7 +205,7 @@ class _Writer:
         self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
     def first_of_row(self, table: Any, of: Any) -> str:
-        """Return where a row begins in its table; places outside are moved to the nearest row."""
+        """Return the offset of a row in its table; an index outside the table selects the nearest row."""
         place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
         positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # false for nan
         place = self.new(f"select {self.truth} {positive}, {self.real} {place}, {self.real} {zero}")
@@ -215,7 +215,7 @@ class _Writer:
         return self.new(f"mul nsw {self.word} {row}, {self.splat('i64', str(table.columns))}")
 
     def entry(self, one: Symbol, out: str) -> None:
-        """Look up a number of a row in a column that may be the index of a loop."""
+        """Look up an entry of a row; the column may be the index of a loop."""
         table, constant, terms = one.detail
         first, column = self.first_of_row(table, one.operands[0]), self.place(constant, terms)
         if self.width > 1:
@@ -231,7 +231,7 @@ class _Writer:
             self.put(f"{out} = {self.call(self.real, name, *given, (self.real, 'zeroinitializer'))}")
 
     def rows(self, group: Sequence[Symbol]) -> None:
-        """Look up numbers of one row; places outside the table are moved to the nearest row."""
+        """Look up entries of one row; an index outside the table selects the nearest row."""
         table, _ = group[0].detail
         first = self.first_of_row(table, group[0].operands[0])
         if self.width == 1:
@@ -249,12 +249,12 @@ class _Writer:
             self.put(f"%v{one.number} = bitcast {self.real} {loaded[one.detail[1]]} to {self.real}")
 
     def shuffle(self, size: int, a: str, b: str, mask: Sequence[int]) -> str:
-        """Return the vector of the numbers at the places `mask` of two joined vectors."""
+        """Return the vector of the elements of a and b, concatenated, at the indices `mask`."""
         vector, places = f"<{size} x double>", ", ".join(f"i32 {k}" for k in mask)
         return self.new(f"shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{places}>")
 
     def transposed(self, v: Sequence[str]) -> list[str]:
-        """Return the eight columns of eight rows of eight numbers, in three rounds of exchanges."""
+        """Return the columns of the 8 x 8 matrix with the rows `v`, by three rounds of exchanges."""
         for apart, low in _EXCHANGED.items():
             after = list(v)
             for k in (k for k in range(EIGHT) if not k & apart):
@@ -264,7 +264,7 @@ class _Writer:
         return list(v)
 
     def load_rows(self, pointers: Sequence[str], count: int) -> list[str]:
-        """Return vectors of the first `count` numbers that lie at the pointer of each arm."""
+        """Return `count` vectors: the numbers from each arm's pointer on, one entry per arm."""
         found = []
         for first in range(0, count, EIGHT):
             size, lanes = min(EIGHT, count - first), []
@@ -368,7 +368,7 @@ class _Writer:
                     self.put(f"store <{size} x double> {one}, ptr {at}, align 8")
 
     def lane_pointers(self, port: int) -> list[str]:
-        """Return, for each arm of the group, the pointer to its numbers of a port."""
+        """Return, for each arm of the group, the pointer to the arm's numbers of a port."""
         pointers = []
         for lane in range(self.width):
             row = self.new(f"add i64 %g, {lane}")
@@ -488,7 +488,7 @@ class _Writer:
         self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
-        """Return, for each run of numbers of arrays, its port, first number, place among all numbers, and length."""
+        """Return port, first index in it, first index among all numbers, and length of each run of array entries."""
         found, place = list[tuple[int, int, int, int]](), 0
         for port, count in enumerate(self.program.ports):
             for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
@@ -499,7 +499,7 @@ class _Writer:
         return found
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
-        """Copy numbers of arrays one by one from their port into the group's own memory, or back."""
+        """Copy array entries one by one from their port into the group's own memory, or back."""
         with self.counted(k := f"%k{self.blocks}", str(count)):
             own = self.room(self.new(f"add i64 {k}, {place}"))
             number = self.new(f"add i64 {k}, {first}")

@@ -58,7 +58,7 @@ def apart(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def row(table: Any, place: Any) -> tuple[Any, ...]:
-    """Return the numbers of a row of a table; an index outside the table selects the nearest row, nan the first."""
+    """Return the entries of a row of a table; an index outside the table selects the nearest row, nan the first."""
     kind = KINDS.get(type(place))
     if kind:
         return tuple(kind.row(table, place))
@@ -66,7 +66,7 @@ def row(table: Any, place: Any) -> tuple[Any, ...]:
 
 
 def entry(table: Any, place: Any, column: Any) -> Any:
-    """Return the number of a row of a table in one column, which may be the index of a loop; places as for `row`."""
+    """Return one entry of the row that `row` returns; `column` may be the index of a loop."""
     kind = KINDS.get(type(place))
     if kind:
         return kind.entry(table, place, column)
@@ -74,7 +74,7 @@ def entry(table: Any, place: Any, column: Any) -> Any:
 
 
 def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
-    """Return function(function(... carried)), `count` times; `carried` and the result are trees of numbers."""
+    """Return function(function(... carried)), applied `count` times; `carried` and the result are trees of numbers."""
     for number in flat(carried):
         if (kind := KINDS.get(type(number))) and hasattr(kind, "repeat"):
             return kind.repeat(count, function, carried)
@@ -84,7 +84,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function(), run if any arm needs it, where the condition holds, else `otherwise`, a tree of equal size."""
+    """Return function(), called only if an arm needs it, where the condition holds, else `otherwise`, of equal size."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
@@ -92,13 +92,13 @@ def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
 
 
 def word(x: Any) -> Any:
-    """Return the 64 bits of a number, a uint64; see `bits`."""
+    """Return the 64 bits of a number as a uint64; see `bits`."""
     kind = KINDS.get(type(x))
     return kind.word(x) if kind else np.float64(x).view(np.uint64)
 
 
 def bits(of: Any) -> Any:
-    """Return the number that has the 64 bits of a uint64, so that an array of numbers can hold words."""
+    """Return the number that has the 64 bits of a uint64, so that words can be stored in an array of numbers."""
     kind = KINDS.get(type(of))
     return kind.bits(of) if kind else of.view(np.float64)
 
@@ -110,7 +110,7 @@ def whole(x: Any) -> Any:
 
 
 def number(of: Any) -> Any:
-    """Return a uint64 that is at most 2^53 as a number; exact."""
+    """Return a uint64 of at most 2^53 as a number, exactly."""
     kind = KINDS.get(type(of))
     return kind.number(of) if kind else of * 1.0
 
@@ -152,7 +152,7 @@ def only(condition: Any) -> Iterable[None]:
 
 
 def flat(tree: Any) -> list[Any]:
-    """Return the numbers of nested tuples, in order; an array of lanes counts as one number, `Cells` as many zeros."""
+    """Return the numbers of nested tuples, in order; an array of lanes counts as one, `Cells` as a zero per entry."""
     if isinstance(tree, tuple):
         return [number for part in tree for number in flat(part)]
     if isinstance(tree, Cells):

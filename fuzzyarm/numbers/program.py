@@ -26,10 +26,10 @@ class Program:
     given number, unless it is returned unchanged.
 
     Attributes:
-        ports: count of numbers of each port; `arrays`: sizes of the program's own arrays.
+        ports: number of entries of each port; `arrays`: sizes of the program's own arrays.
         constants: the symbols of the constants, which are the same for all arms.
         tables: the shape of each table; it begins with 0 where a kernel is given the number of rows.
-        cells: the places among all numbers of ports that belong to arrays.
+        cells: the indices of array entries among the numbers of all ports.
         top: the region that contains all others; `now`: the region that is being recorded into.
         inputs: the symbols of all ports, in order; `outputs`: the returned numbers, in the same order.
     """
@@ -107,7 +107,7 @@ class Program:
             self.now = outside
 
     def load(self, memory: str, place: Index) -> Symbol:
-        """Return the symbol of a number of an array or a table."""
+        """Return the symbol of an entry of an array or a table."""
         fixed = memory.startswith("table") and not place.terms
         operation = self.operation if fixed else self.moved
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))

@@ -1,6 +1,6 @@
 """Symbols: the unknown numbers of a function while it is recorded, and the parts of the recorded program.
 
-The places in arrays and tables may depend on the rounds of loops. A program consists of regions, loops, branches,
+Indices of arrays and tables may depend on the rounds of loops. A program consists of regions, loops, branches,
 operations and stores.
 """
 
@@ -29,7 +29,7 @@ class Symbol:
         operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in the region `region`.
         kind: "real", "truth" or "word".
         uniform: whether the symbol has the same value for all arms.
-        detail: for an input or a row, the place; for other operations, what else defines them.
+        detail: for an input, its index; for a row, table and column; for others, further data that define them.
     """
 
     __slots__ = ("detail", "kind", "number", "operands", "operation", "program", "region", "uniform")
@@ -115,10 +115,10 @@ class Index:
 
 
 class Array:
-    """Numbers of an arm, or of a table, that are read and written by indices while a function is recorded.
+    """Entries of an arm, or of a table, that are read and written by index while a function is recorded.
 
-    They lie in `memory`: "room" (numbers of ports), "table0", ..., or "array0", ... (own arrays of the program), from
-    the place `first`, an `Index`, on. They are `steps` apart along each axis of the shape, by default row by row.
+    They lie in `memory`: "room" (numbers of ports), "table0", ..., or "array0", ... (own arrays of the program),
+    beginning at `first`, an `Index`. They are `steps` apart along each axis of the shape, by default row by row.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -150,7 +150,7 @@ class Array:
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
-        """Return first place, shape and steps of the part of the array that a key selects."""
+        """Return first index, shape and steps of the part of the array that a key selects."""
         keys = key if isinstance(key, tuple) else (key,)
         first, shape, steps = self.first, list[int](), list[int]()
         for axis, size in enumerate(self.shape):
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times, and its carried numbers before, inside, at the end of a round, and after."""
+    """A region that is run `count` times, with the carried numbers before, within, at the end of a round, and after."""
 
     count: Any
     region: Region

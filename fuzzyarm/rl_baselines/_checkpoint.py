@@ -101,7 +101,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def check_like(name: str, found: Any, own: Any) -> None:
-    """Check that a part of a checkpoint matches a new training: names, and types and shapes of tensors.
+    """Check that a part of a checkpoint matches a new training run: names, and types and shapes of tensors.
 
     Lists and empty mappings grow during training; the code that uses them must check their content. ValueError says
     where the two differ; `name` is the name of this part.

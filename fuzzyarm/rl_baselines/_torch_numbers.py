@@ -74,7 +74,7 @@ class Angle:
 
 
 class Table:
-    """Rows of numbers (rows, columns) to be looked up lane by lane, in the dtype and on the device of `like`.
+    """A table of numbers (rows, columns) that is looked up lane by lane, in the dtype and on the device of `like`.
 
     A column of equal values is a constant to the compiler.
     """
@@ -90,7 +90,7 @@ class Table:
         return self.tensor.dtype
 
     def at(self, place: Tensor) -> list[Tensor]:
-        """Return the columns of the rows `place` (n,), each of shape (n,) or ()."""
+        """Return each column at the row indices `place` (n,), of shape (n,), or () for a constant column."""
         columns: list[Tensor] = []
         looked_up = 0
         for constant in self.constants:

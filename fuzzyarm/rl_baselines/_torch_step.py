@@ -36,8 +36,8 @@ _LOST = int(Termination.LOST)
 class Lanes(NamedTuple):
     """The data of the lanes between steps, of shape (n,) each; everything else follows from them.
 
-    `numbers` are those of the state, in float32 followed by the rests of the angles; `key` is the key of the episode's
-    random stream and `step` the number of its steps so far, both int64.
+    `numbers` are the entries of the state, in float32 followed by the rests of the angles; `key` is the key of the
+    episode's random stream and `step` the number of steps of the episode so far, both int64.
     """
 
     numbers: tuple[Tensor, ...]
@@ -76,12 +76,12 @@ class Shared:
     payload: float  # mass [kg] that the disturbance adds
     payload_place: float  # place of that mass, see `Physics.payload_place`
     noise: Noise  # standard deviations of measured angles [rad] and velocities [rad/s]
-    ranges: tuple[tuple[float, float], ...]  # low and high of every number of `draw_record`
+    ranges: tuple[tuple[float, float], ...]  # low and high of every entry of `draw_record`
     period: float  # control period [s]
     substeps: int  # in a control period
     spans: Table  # (schedules, 2), first row in `rows` and number of steps
-    starts: Table  # (schedules, numbers of `reference_record`), the reference at the start
-    rows: Table  # (steps, numbers of `row_record`), the schedules one after another, see `by_step`
+    starts: Table  # (schedules, size of `reference_record`), the reference at the start
+    rows: Table  # (steps, size of `row_record`), the schedules one after another, see `by_step`
     early_end: float  # tip error [m] beyond which an episode ends
 
     def nominal(self) -> Any:
@@ -173,7 +173,7 @@ def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
 
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
-    """Undo `_state`; the dtype may have changed if torch's default dtype is wider."""
+    """Return the numbers of a state, in this dtype; the step may have changed it if torch's default dtype is wider."""
     parts = flat(state)
     values = [part.value if isinstance(part, Angle) else part for part in parts]
     rests = [part.rest for part in parts if isinstance(part, Angle)]
@@ -204,14 +204,14 @@ def _where(condition: Tensor, first: Sequence[Tensor], second: Sequence[Tensor])
 
 
 def stacked(rows: Sequence[Tensor]) -> Tensor:
-    """Return (n, rows) from rows of shape (n,) or (); the first is (n,)."""
+    """Return (n, rows) from rows of shape (n,) or (); the first row must be (n,)."""
     return torch.stack([row.expand_as(rows[0]) for row in rows]).t()
 
 
 def by_step(schedule: Schedule) -> np.ndarray:
     """Return (steps, columns), a row per control step in the units of a schedule's table.
 
-    A row has the reference and target at the end of the step, and the force and bias during it.
+    A row contains the reference and target at the end of the step, and the force and bias during the step.
     """
     table, first_of_step = schedule.table, schedule.columns.force.start
     return np.concatenate([table[1:, :first_of_step], table[:-1, first_of_step:]], axis=-1)

@@ -30,7 +30,7 @@ class _Algorithm(Protocol):
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
         """Continue until ``config.total_timesteps`` steps are done.
 
-        `after_update` is called after every update with a row of the learning curve: numbers by the names in
+        `after_update` is called after every update with a row of the learning curve: values by the names in
         `AlgorithmSpec.columns`, and ``episode_reward``, ``episode_length`` [steps] and ``tip_error_mm`` of the episodes
         that ended last. Columns may be missing.
         """

@@ -40,8 +40,8 @@ class StableBaselinesVecEnv(VecEnv):
     ``reason``. The other lanes share one empty info.
 
     Args:
-        envs: such as ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere. For
-            ``FuzzyArmLearn-v0`` call `learning_envs` instead.
+        envs: for example ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, possibly wrapped; must not be stepped elsewhere.
+            For ``FuzzyArmLearn-v0`` call `learning_envs` instead.
 
     Raises:
         ValueError: the environment does not reset itself within the step.
@@ -73,11 +73,11 @@ class StableBaselinesVecEnv(VecEnv):
         return np.asarray(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Store the actions (lanes, 2) for `step_wait`."""
+        """Store the actions (lanes, joints) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step every lane; return observations (lanes, 10), rewards (lanes,) in float32, dones (lanes,) and infos."""
+        """Step every lane; return observations (lanes, size), rewards (lanes,) in float32, dones (lanes,) and infos."""
         observation, rewards, terminated, truncated, self.vector_info = self.envs.step(self._actions)
         dones = terminated | truncated
         self._returns += rewards
@@ -114,14 +114,14 @@ class StableBaselinesVecEnv(VecEnv):
         return [_attribute(self.envs, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Raise: lanes have no attributes of their own."""
+        """Raise NotImplementedError, since lanes have no attributes of their own."""
         raise NotImplementedError(
             f"{attr_name!r} cannot be set: lanes have no attributes of their own; give one value per lane as an "
             "argument of gym.make_vec"
         )
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
-        """Raise: there is no environment object per lane."""
+        """Raise NotImplementedError, since lanes have no environment objects of their own."""
         raise NotImplementedError(f"{method_name!r} cannot be called: lanes have no environment objects of their own")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:

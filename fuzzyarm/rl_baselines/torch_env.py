@@ -146,7 +146,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             self._shared = self._build(acting, own)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
             equations = self._shared.equations
-            # In float32 each angle has a rest.
+            # In float32 the state also contains the rest of each angle.
             count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
@@ -292,7 +292,7 @@ def _device(device: str | torch.device) -> torch.device:
 
 
 def _real(action: Any) -> Any:
-    """Return an action as an array or a tensor; TypeError unless its numbers are real."""
+    """Return an action as an array or a tensor; TypeError unless its entries are real."""
     if not isinstance(action, Tensor):
         return real_numbers("action", action)
     if action.is_complex() or action.dtype == torch.bool:

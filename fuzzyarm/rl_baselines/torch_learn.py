@@ -104,5 +104,5 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
 
 
 def _parts(observation: Tensor) -> Observation:
-    """Return the parts of observations (n, 5 joints), a number (n,) for each joint."""
+    """Return the parts of observations (n, 5 joints), a tensor (n,) for each joint."""
     return Observation(*(tuple(part.unbind(-1)) for part in observed(observation)))

@@ -52,7 +52,7 @@ from fuzzyarm.numbers.functions import flat, like, repeat, when
 
 __all__ = ["Constants", "ElasticObserverPolicy", "Observed", "SmoothObserverPolicy", "steps_of"]
 
-_STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
+_STATICS_STEPS = 20  # fixed-point iterations for the first estimate; for Table 1 each iteration adds three digits
 
 
 class ElasticObserverPolicy(LawPolicy):

@@ -38,7 +38,7 @@ class FuzzyPolicy(LawPolicy):
         """The law of the module's docstring."""
         model, n_e = self.controller.model, self.controller.gains.shape[-1]
         arm = arm_constants(model.parameters)
-        # Without the integral its gain is zero, so that one law serves both cases.
+        # Without the integral the gain H is zero, so that one law serves both cases.
         gains = np.zeros((*self.controller.gains.shape[:-1], ERROR_STATES))
         gains[..., :n_e] = self.controller.gains
         rules = np.concatenate([gains, self.controller.feedforward_gains], axis=-1)

@@ -48,11 +48,11 @@ __all__ = [
     "weights_for", "worst_radius",
 ]  # fmt: skip
 
-WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
+WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps all values finite
 
 
 class Estimate(NamedTuple):
-    """The parts of (x, d), one number per joint in each, or their slices in an array."""
+    """The parts of (x, d), one entry per joint in each, or their slices in an array."""
 
     q_motor: Any  # θ, motor angles [rad]
     q_link: Any  # q, link angles [rad]
@@ -62,12 +62,12 @@ class Estimate(NamedTuple):
 
     @property
     def state(self) -> slice:
-        """Slice of x, 4 n numbers in the order of `State`, in an array."""
+        """Slice of x in an array; x has 4 n entries in the order of `State`."""
         return slice(0, self.load.start)
 
 
 def estimate_parts(joints: int) -> Estimate:
-    """Return the slices of the parts of (x, d) in an array of 5 n numbers, for n joints."""
+    """Return the slices of the parts of (x, d) in an array (5 n,), for n joints."""
     return Estimate(*consecutive(*[joints] * len(Estimate._fields)))
 
 
@@ -236,7 +236,7 @@ def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[
 
 
 def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]) -> float:
-    """Return the loop's largest |λ| per control period over the conditions; inf for a law with nan as a gain."""
+    """Return the loop's largest |λ| per control period over the conditions; inf if a gain of the law is nan."""
     if not all(np.isfinite(part).all() for part in law):
         return math.inf
     plants = {factor: place.plant(factor) for factor in {condition.stiffness for condition in conditions}}
@@ -244,7 +244,7 @@ def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]
 
 
 def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
-    """Return M (places, n, n) [kg m²] of the table's point nearest to each place."""
+    """Return M (places, n, n) [kg m²] at the table's point nearest to each posture."""
     schedule = schedule_of(robot)
     return np.array([nearest_inertia(schedule, place.q) for place in places])
 

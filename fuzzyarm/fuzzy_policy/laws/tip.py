@@ -31,7 +31,7 @@ __all__ = ["TipPolicy"]
 
 
 class TipPolicy(LawPolicy):
-    """A fixed law that tracks θ_d, see the module's docstring. Its memory is the law's, then `ElasticTarget`'s."""
+    """A fixed law that tracks θ_d (see the module's docstring); its memory is the law's, then `ElasticTarget`'s."""
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
         """Wrap a policy; u_ff includes dry friction if `friction`, and is computed for mid-hold if `average`."""

@@ -25,9 +25,9 @@ _RESTARTS = 0.5  # share of the lanes that restart with each chunk, since the on
 class Chunk(NamedTuple):
     """A chunk of experience for learning."""
 
-    z: torch.Tensor  # (steps, lanes, numbers of z)
-    c: torch.Tensor  # (steps, lanes, numbers of c)
-    label: torch.Tensor  # (steps, lanes, n), the teacher's torque minus u_b, as ρ
+    z: torch.Tensor  # (steps, lanes, size of z)
+    c: torch.Tensor  # (steps, lanes, size of c)
+    label: torch.Tensor  # (steps, lanes, n), the teacher's torque minus u_b, in units of R, clipped to ±1
     free: torch.Tensor  # (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1
     begins: torch.Tensor  # (steps, lanes, 1), 0 where an episode begins, else 1
     memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step

@@ -61,7 +61,7 @@ class Teacher:
         return wanted
 
     def beliefs(self) -> np.ndarray:
-        """Return z (lanes, numbers of z) with the true values of all entries except the force."""
+        """Return z (lanes, size of z) with the true values of all entries except the force."""
         s = self._settings
         p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]

@@ -48,7 +48,7 @@ _NEWEST = 3  # one gradient step in this many uses the newest chunk
 class _Student(torch.nn.Module):
     """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
 
-    h has `hidden` and tanh(P c) `modulation` numbers. V, G and D are initially zero, and thus the residual is, too.
+    h has `hidden` entries and tanh(P c) has `modulation`. V, G and D are initially zero, and thus so is the residual.
     """
 
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:

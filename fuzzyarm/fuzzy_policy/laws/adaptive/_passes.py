@@ -80,7 +80,7 @@ class AdaptivePasses(PassLearner):
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         self.policy = policy
         self._axes = equations_of(policy.arm).axes
-        self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # of p in a memory
+        self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # slice of p
         self._payload = self._constants.start + policy.belief.payload.start
 
     def _go_on(self, seen: np.ndarray, state: PassState) -> np.ndarray:
@@ -161,7 +161,7 @@ class AdaptivePasses(PassLearner):
 
 
 def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return x (lanes,) for the least total variation of ``force + x slope`` (samples, lanes, axes) (Weiszfeld)."""
+    """Return x (lanes,) minimising the total variation of ``force + x slope`` (samples, lanes, axes) (Weiszfeld)."""
     a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
     for _ in range(_REWEIGHTED):
         weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), _SMALLEST)
@@ -170,7 +170,7 @@ def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
-    """Return a force (any number, lanes, axes) cut or padded with zeros to a number of samples."""
+    """Return `force` (any length, lanes, axes), cut or padded with zeros to the length `samples`."""
     whole = np.zeros((samples, *force.shape[1:]))
     whole[: len(force)] = force[:samples]
     return whole
@@ -193,14 +193,14 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
 
 
 class _Notes(NamedTuple):
-    """Data that the forward pass stores per sample, for n joints and N numbers of z, which begins with (x, f)."""
+    """Data that the forward pass stores per sample, for n joints and N entries of z, which begins with (x, f)."""
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)
     columns: Any  # P_y (2 n, N)
     slopes: Any  # F, only the rows of x, to the next sample (4 n, N)
     forces: Any  # f⁻ (forces,)
-    rows: Any  # P⁻_f (forces, numbers of (x, f))
+    rows: Any  # P⁻_f (forces, size of (x, f))
 
 
 class _Seen(NamedTuple):
@@ -220,12 +220,12 @@ class _Smoother:
     constants, the payload and the delay are given and fixed. The forward pass is the filter of `filter` without gate
     and dead zone, with f as a random walk; at the first sample the links have the motors' velocities and the filter's
     angles. The backward pass (Bryson and Frazier) begins with λ = 0 after the last sample. At each sample, for the
-    measured numbers in reverse order, it sets
+    measured quantities in reverse order, it sets
 
         λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
 
-    where h selects the measured number in (x, f), ν is its innovation with variance s, P_y its column of P, and f⁻ and
-    P⁻ are the filter's values before the sample. Unlike the Rauch-Tung-Striebel recursion, this inverts no covariance.
+    where h selects the quantity in (x, f), ν is its innovation with variance s, P_y its column of P, and f⁻ and P⁻ are
+    the filter's values before the sample. Unlike the Rauch-Tung-Striebel recursion, this inverts no covariance.
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
@@ -268,7 +268,7 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return memories (lanes, numbers) before the first sample, with its measurements `measured` (lanes, 2 n)."""
+        """Return memories (lanes, size) before the first sample, whose measurements are `measured` (lanes, 2 n)."""
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
         memory[:, FLAG.calm], z = 0.0, memory[:, at.z]

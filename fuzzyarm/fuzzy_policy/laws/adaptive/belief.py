@@ -6,9 +6,9 @@ The load consists of a force f_t along the reference's tip velocity, a free forc
 k, β, φ, μ and ι are factors, one for each joint, on stiffness, damping, dry friction, link mass and inertia, and motor
 inertia. w is a torque added to each motor's torque, and d the delay from a command to the motors, in control periods.
 
-The equations of the arm are computed from numbers a that are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0).
-For the two-joint arm, a contains the constants of its equations. A robot's constants are not affine in its masses: its
-a contains the numbers of the `Plant`, then a mass at the tip [kg], and the constants are computed from a.
+The equations of the arm are computed from a vector a that is affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0). For
+the two-joint arm, a contains the constants of its equations. For a robot, whose constants are not affine in its masses,
+a contains the entries of the `Plant`, then a mass at the tip [kg].
 
 `AdaptiveWeights` contains the prior uncertainty of p and the cost of errors: torques relative to the arm's
 `torque_limit`, joint by joint, and forces relative to `unit_force`, so that the same weights fit arms of another size.
@@ -128,11 +128,11 @@ def belief_of(physics: Physics) -> _Belief:
 
 
 class _Prior(NamedTuple):
-    """The prior of p; each part is an array (numbers of p,)."""
+    """The prior of p; each part is an array (size of p,)."""
 
     guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins
-    walk: Any  # random walk of each number, per √s
+    walk: Any  # random walk of each entry, per √s
     low: Any
     high: Any
 
@@ -162,7 +162,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
 
 
 def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
-    """Return the numbers a (k,) of an arm with a payload [kg] and factors (n,) on its constants, by `FACTORS`."""
+    """Return the vector a (k,) of an arm with a payload [kg] and, keyed by `FACTORS`, factors (n,) on its constants."""
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
     drawn["dry_friction"] = drawn.pop("friction")
@@ -173,7 +173,7 @@ def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndar
 
 
 def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
-    """Return a_0, the numbers of the known arm, and S (numbers of the arm, numbers of p)."""
+    """Return a_0 (k,) of the known arm, and S (k, size of p)."""
     base, belief = _numbers_of(arm), belief_of(equations_of(arm))
     slopes = np.zeros((len(base), belief.lateness.stop))
     slopes[:, belief.payload] = (_numbers_of(arm, 1.0) - base)[:, np.newaxis]
@@ -185,7 +185,7 @@ def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ArmFunctions:
-    """Functions of the numbers a (k,) of an arm with these equations, n joints, and a tip in a plane or in space."""
+    """Functions of the vector a (k,) of an arm with these equations, n joints, and a tip in a plane or in space."""
 
     def __init__(self, physics: Physics) -> None:
         self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
@@ -193,16 +193,16 @@ class ArmFunctions:
         short = "motor_inertia", "viscous", "stiffness", "damping", "dry_friction"
         at, names = records.places(self._record), short if self._planar else QUANTITIES
         drives = (tuple(getattr(at, f"{name}{1 + joint}") for name in names) for joint in range(physics.joints))
-        self._drives = [flat(drive) for drive in drives]  # indices of each joint's numbers
+        self._drives = [flat(drive) for drive in drives]  # indices of each joint's entries
 
     def constants_in(self, numbers: Any) -> Any:
-        """Return the constants of the equations for the numbers a."""
+        """Return the constants of the equations for the vector a."""
         given, count = list(numbers), size(self._record)
         known = filled(self._record, given[:count])
         return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
 
     def drive(self, numbers: Any, joint: int) -> Drives:
-        """Return the numbers of the motor and the spring of one joint."""
+        """Return the parameters of the motor and the spring of one joint."""
         found: Drives = filled(Drives, (numbers[k] for k in self._drives[joint]))
         return found
 
@@ -236,7 +236,7 @@ class ArmFunctions:
 
 
 class _Flags(NamedTuple):
-    """The single numbers of a memory, or their indices."""
+    """The scalars of a memory, or their indices."""
 
     samples: Any  # number of samples so far, up to 1e6
     surprise: Any  # mean of ν²/s over the last samples; about 1 if the filter is right
@@ -250,7 +250,7 @@ FLAG = _Flags(*range(len(_Flags._fields)))  # indices of the flags
 
 
 class Memory(NamedTuple):
-    """The parts of a lane's memory as arrays, zeros when an episode begins; n joints, N numbers of z = (x, p)."""
+    """The parts of a lane's memory as arrays, zeros when an episode begins; n joints, N entries of z = (x, p)."""
 
     flags: Any  # see `_Flags`
     z: Any  # prediction for this sample, (N,)
@@ -263,7 +263,7 @@ class Memory(NamedTuple):
 
 
 def places(physics: Physics) -> Memory:
-    """Return the parts as arrays in a law's memory."""
+    """Return the memory with a placeholder (`Cells`) for the array of each part."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
     lists = (LONGEST_DELAY + 2, joints), (KEPT, 3, joints), (3, joints)

@@ -3,7 +3,7 @@
 z = (x, p), with the elastic arm's state x = (θ, q, θ̇, q̇) and p of `belief`; P is the covariance of the error of z. All
 functions are recorded and work in place on one lane's arrays, which determine the sizes.
 
-    correct   for each measured number y with variance r:  ν = y - z_y,  s = max(P_yy + r, ν²/gate),
+    correct   for each measured quantity y with variance r:  ν = y - z_y,  s = max(P_yy + r, ν²/gate),
               z ← z + P_y ν/s,   P ← P - P_y P_yᵀ/s,
     predict   x ← x after a control period, for the arm with parameters p,   P ← F P Fᵀ + Q.
 
@@ -39,7 +39,7 @@ common to all of the arm's constants, as caused by a wrong torque constant. For 
 with the minimum over all such factors j.
 
 The law acts on the part of the load that encoder noise does not explain, see `_significant`. With the forces and the
-payload l (the first numbers of p), their initial guess l_0, and the state x,
+payload l (the first entries of p), their initial guess l_0, and the state x,
 
     d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
@@ -77,7 +77,7 @@ __all__ = [
 ]  # fmt: skip
 
 _ENOUGH = 1e6  # largest count of samples
-_STATICS_STEPS = 20  # fixed-point iterations for the first estimate; for Table 1 each gains three digits
+_STATICS_STEPS = 20  # fixed-point iterations for the first estimate; for Table 1 each iteration adds three digits
 _CHANGE = 6.0  # variance of e - e_last in `_note_noise`, relative to the variance of the angles' noise
 _NOISE_SHARE = 0.03  # weight of a sample in the estimated encoder noise, after enough samples
 MISTRUST = 8.0  # least variance assumed for a measured angle, relative to the variance of the estimated noise
@@ -99,7 +99,7 @@ _TINY = 1e-300
 
 
 class Settings:
-    """The constants of the law, as arrays and numbers; n joints, N numbers of z."""
+    """The constants of the law, as arrays and scalars; n joints, N entries of z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
         """Set up for the known arm, T [s] and K, with a row for each payload and point (payloads · points, n · 4 n)."""
@@ -121,7 +121,7 @@ class Settings:
         self.base, self.slopes = believed.affine_numbers(arm)  # a_0 and S
         self.guess = p.guess  # p_0
         self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # initial standard deviations of z (N,)
-        self.shared = shared  # initial standard deviation of the common factor in each number of z (N,)
+        self.shared = shared  # initial standard deviation of the common factor in each entry of z (N,)
         self.low, self.high = p.low, p.high  # lowest and highest p
         # Diagonal of Q (N,).
         self.noise = np.concatenate([still, still, weights.motor_torque * limit / inertia, still, p.walk]) ** 2 * period
@@ -131,8 +131,8 @@ class Settings:
         self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
         self.still = (_STILL * believed.unit_force(arm)) ** 2  # correction of the forces that counts as zero [N²]
         self.steps = np.repeat(_STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the finite differences for F
-        self.variances = encoder**2  # of the measured numbers (2 n,)
-        self.cautious = cautious  # 1 for numbers of z that adapt only beyond the dead zone, else 0 (N,)
+        self.variances = encoder**2  # of the measured quantities (2 n,)
+        self.cautious = cautious  # 1 for entries of z that adapt only beyond the dead zone, else 0 (N,)
         self.gate = weights.gate
         # Nothing was tuned for robots, so adaptation begins more cautiously. Their estimated noise stays close to its
         # initial guess for long, so that it cannot show which loads are significant.
@@ -172,13 +172,13 @@ class _Copies(NamedTuple):
     state: Any  # (4 n, copies)
     torque: Any  # (n, copies)
     force: Any  # force line (rows, copies)
-    numbers: Any  # a of the arm (numbers, copies)
+    numbers: Any  # a of the arm (k, copies)
 
 
 class Room:
-    """Intermediate results for one lane; n joints, N numbers of z, and a tip in a plane or in space.
+    """Intermediate results for one lane; n joints, N entries of z, and a tip in a plane or in space.
 
-    A force line has a row for each axis of the mean force, then for each axis of its change.
+    A force line has a row for each axis of the mean force, then a row for each axis of its change.
     """
 
     def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
@@ -193,15 +193,15 @@ class Room:
             return _Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
         self.arm = believed.ArmFunctions(physics)
-        self.copies = copies(1 + N + n)  # each with one number changed: the differences give the columns of F
+        self.copies = copies(1 + N + n)  # each with one entry changed: the differences give the columns of F
         self.F = array(4 * n, N)  # only the rows of x
         self.wide = array(n)  # steps of the motor velocities
         self.one = copies(1)
         self.numbers = array(len(s.base))  # a of the arm
-        self.innovation, self.expected = array(2 * n), array(2 * n)  # ν and P_yy + r of each measured number
-        self.columns = array(2 * n, N)  # P_y of each measured number
+        self.innovation, self.expected = array(2 * n), array(2 * n)  # ν and P_yy + r of each measured quantity
+        self.columns = array(2 * n, N)  # P_y of each measured quantity
         self.measured = array(2 * n)  # θ and θ̇
-        self.variances = array(2 * n)  # of the measured numbers
+        self.variances = array(2 * n)  # of the measured quantities
         self.silent = array(2 * n)  # a of the module's docstring
         self.acted = array(N)  # z on which the law acts, see `_significant`
         self.link_torque = array(KEPT, n)  # τ_d of each kept reference
@@ -289,7 +289,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
 
 
 def _forget(m: Memory, s: Settings, count: int) -> None:
-    """Reset the first `count` numbers of z: their covariance to its initial value, and those of p to p_0."""
+    """Reset the first `count` entries of z: the covariance to its initial value, and the entries of p to p_0."""
     states = len(m.z) - len(s.guess)
     for i in each(count):
         for j in each(len(m.z)):
@@ -513,7 +513,7 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
 
 
 def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
-    """Fill `numbers` with a = a_0 + S (p - p_0), the numbers of the arm for p."""
+    """Fill `numbers` with a = a_0 + S (p - p_0), the vector of the arm for p."""
     for i in each(len(s.base)):
         numbers[i] = s.base[i]
         for j in each(len(p)):
@@ -544,7 +544,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 
 
 def fill(copies: _Copies, z: Any, room: Room) -> None:
-    """Fill state, numbers and forces of copies of the arm from z, but not their torques."""
+    """Fill state, vector a and forces of copies of the arm from z, but not their torques."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
         for i in each(states):
@@ -558,7 +558,7 @@ def fill(copies: _Copies, z: Any, room: Room) -> None:
 
 
 def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
-    """Fill the copies: first the estimate, then each number of z a step ahead, then each motor velocity a step behind.
+    """Fill the copies: first the estimate, then each entry of z a step ahead, then each motor velocity a step behind.
 
     The step of a motor velocity is its standard deviation, because the slope at a sticking joint is zero nearby.
     `torque` (n,) [N m] is the torque of the motors, `torque_slope` (n,) its derivative with respect to the delay.

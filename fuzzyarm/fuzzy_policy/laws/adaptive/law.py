@@ -52,7 +52,7 @@ _PAYLOADS = 6
 
 @functools.lru_cache(maxsize=32)
 def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
-    """Return the default weights for an arm and T [s]: those of Table 1, softened for a robot as described above."""
+    """Return the default weights for an arm and T [s]; for a robot they are softened as in the module's docstring."""
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
@@ -122,7 +122,7 @@ def act(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
-    """Fill the numbers of the arm, the directions of travel, their force lines, and τ_d of the references."""
+    """Fill the vector a, the directions of travel, their force lines, and τ_d of the references."""
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
@@ -154,7 +154,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
     offset, whole = len(z) - 1 - joints, floor(lateness)
     rest = lateness - whole
     fill(room.one, z, room)
-    for period in each(LONGEST_DELAY + 1):  # whole periods, then the rest of one
+    for period in each(LONGEST_DELAY + 1):  # whole periods, then the remaining fraction of a period
         k = number(period)
         last = k == float(LONGEST_DELAY)
         for _ in only((whole > k) & ~last | (last & (rest > 0.0))):

@@ -170,14 +170,14 @@ class AdaptiveObserverPolicy(LawPolicy):
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:
-        """Return the beliefs at the next sample, from the filter's part (..., numbers) of a state."""
+        """Return the beliefs at the next sample, from the filter's part (..., size) of a state."""
         part, belief, states = self.memory, self.belief, 4 * self.joints
         forces = belief.force.stop
         shape, size = own.shape[:-1], part.z.stop - part.z.start
         p, P = own[..., part.z][..., states:], own[..., part.P].reshape(*shape, size, size)
         covariance = P[..., states:, states:]
         deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
-        # F = H (f_t, F), with the direction of travel and the unit vectors as columns
+        # The tip force is H (f_t, F), with the direction of travel and the unit vectors as the columns of H.
         reference = own[..., part.references].reshape(*shape, -1, 3, self.joints)[..., 0, :, :]
         travel = travel_of(self.arm, reference[..., 0, :], reference[..., 1, :])
         unit = np.broadcast_to(np.eye(forces - 1), (*shape, forces - 1, forces - 1))

@@ -64,7 +64,7 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0`` with `history` past errors and actions, plus an integral if any."""
+    """Return the features of ``FuzzyArmLearn-v0``; `history` adds past errors and actions, and (if > 0) an integral."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
@@ -76,7 +76,7 @@ class ActionDefinition:
     A torque added to the base's torque would have no lasting effect: the base's integral would cancel it like a load.
     """
 
-    # one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
+    # one value per joint, for a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
     scale: tuple[float, ...] = (400.0, 180.0)
     period: float = 2e-3  # time for which an action is held [s]; a base acts at every control step
     base: str | None = None  # name of a policy for `fuzzyarm.load_policy`; None: no base
@@ -116,4 +116,4 @@ class ArmDefinition:
     """The arm that a policy was trained for."""
 
     name: str  # name of the robot
-    digest: str  # `Robot.digest` of its numbers; for the two-joint arm, the digest of the equivalent robot
+    digest: str  # `Robot.digest` of the robot; for the two-joint arm, the digest of the equivalent robot

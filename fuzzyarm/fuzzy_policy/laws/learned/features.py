@@ -90,7 +90,7 @@ class Features:
         return past, feedforward, aim
 
     def fill(self, memory: _Remembered, seen: Observation, aim: Aim, out: Any = None) -> Any:
-        """Return the current features, in an array (size,), `out` or a new one; `aim` is returned by `told`."""
+        """Return the current features as an array (size,): `out`, or a new one; `told` returns `aim`."""
         d, out = self.definition, array(self.size) if out is None else out
         errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
         rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
@@ -105,7 +105,7 @@ class Features:
         return out
 
     def advance(self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any) -> _Remembered:
-        """Return the memory after an observation and an action (n,) in [-1, 1]; `told` comes from the method `told`."""
+        """Return the next memory for an observation, `told` from the method `told`, and an action (n,) in [-1, 1]."""
         past, feedforward, aim = told
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))

@@ -1,4 +1,4 @@
-"""The network of a learned policy, from normalised features through layers to an action in [-1, 1]².
+"""The network of a learned policy, from normalised features through layers to actions in [-1, 1], one per joint.
 
     h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
@@ -6,7 +6,7 @@ where s is tanh or max(x, 0), and o is tanh or clips to ±1. PPO trains a Gaussi
 layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean as its action, so it is deterministic.
 
 tanh, the logistic function and asinh are computed from +, -, *, / and the square root, which IEEE 754 rounds correctly,
-and not by the C library, whose last digits differ between machines. A policy then gives the same numbers everywhere,
+and not by the C library, whose last digits differ between machines. A policy then gives the same values everywhere,
 including in exported C.
 
 A recurrent network has a long short-term memory (`cell`) in front of these layers, as in torch and
@@ -111,7 +111,7 @@ def add_product(x: Any, transposed: Any, y: Any) -> None:
 _GATES = 4  # i, r, g and o
 _CONTENT = 2  # the index of g
 
-_LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory is allocated
+_LARGEST_MEMORY = 1024  # entries of h; a larger cell is refused before memory is allocated
 
 
 def real_array(name: str, array: Any, axes: int) -> None:
@@ -178,7 +178,7 @@ _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is r
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Network:
-    """Normaliser and layers; shapes and numbers are checked."""
+    """Normaliser and layers; shapes and values are checked."""
 
     mean: np.ndarray  # (inputs,) of the features
     std: np.ndarray  # (inputs,) of the features, positive

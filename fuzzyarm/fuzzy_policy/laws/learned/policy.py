@@ -87,7 +87,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """The memory of a lane: calls since its last action (0 if the next is due), that action, the parts' memories."""
+    """The memory of a lane: calls since the last action (0: the next is due), that action, memories of the parts."""
 
     phase: Any
     action: Any

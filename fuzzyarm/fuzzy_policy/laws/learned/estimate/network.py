@@ -40,11 +40,11 @@ __all__ = ["LARGEST_MEMORY", "EstimateBundle", "EstimateNetwork", "Layers", "hea
 _GATES = 2  # s and r
 _AXES = (2, 3)  # dimensions of the plane or the space of a tip
 
-LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refused before memory is allocated
+LARGEST_MEMORY = 512  # entries of h and of tanh(P c); a larger network is refused before memory is allocated
 
 
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the arrays by name, for `hidden` numbers in h and `modulation` in tanh(P c).
+    """Return the shapes of the arrays by name, for `hidden` entries of h and `modulation` entries of tanh(P c).
 
     Names are the fields of `EstimateNetwork`; shapes are (rows, columns), for `joints` joints and `axes` tip axes.
     """
@@ -74,7 +74,7 @@ class Layers(NamedTuple):
     of_z: Any  # the matrices that multiply z, side by side and transposed, so that no sum runs over the rows
     of_h: Any  # likewise the matrices that multiply h
     of_c: Any  # likewise the matrices that multiply c
-    bias: Any  # of these products
+    bias: Any  # added to these products
     # V, G, D: of the output
     V: Any
     G: Any
@@ -84,7 +84,7 @@ class Layers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
-    """The finite arrays of the module's equations, see `shapes_of`; the rows of s precede those of r."""
+    """The finite arrays of the module's equations, see `shapes_of`; the rows for s precede the rows for r."""
 
     gate_z: np.ndarray  # S_z above R_z
     gate_h: np.ndarray  # S_h above R_h

@@ -44,9 +44,9 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["LearnedObserverPolicy"]
 
-# Of the adaptive observer that networks are trained with: at rest the elastic one acts, so no soft start is needed.
+# Weights of the adaptive observer, also in training; the elastic observer acts at rest, so no soft start is needed.
 _WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
-_FARTHEST = 4.0  # bound on u_a, in torque limits: a filter that is about to diverge could give any number
+_FARTHEST = 4.0  # bound on u_a, in torque limits: a filter that is about to diverge could give any value
 
 
 class _SeenParts(NamedTuple):
@@ -113,7 +113,7 @@ class LearnedObserverPolicy(LawPolicy):
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 
     def observe(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, seen: np.ndarray) -> None:
-        """Evaluate the law like `act`, and fill `seen` (lanes, numbers of `_SeenParts`) with the network's inputs."""
+        """Evaluate the law like `act`, and fill `seen` (lanes, size of `_SeenParts`) with the network's inputs."""
         self._observing((memory, observation, torque, seen), self._constants, self.control_law.tables)
 
     @functools.cached_property

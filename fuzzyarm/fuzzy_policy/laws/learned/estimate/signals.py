@@ -1,6 +1,6 @@
 """The inputs of the network of `learned-observer`: the unexplained signals z and the context c, each of order 1.
 
-Let ν_a and ν_o be the innovations y - ŷ⁻ of the adaptive and of the elastic observer (one number for each motor angle
+Let ν_a and ν_o be the innovations y - ŷ⁻ of the adaptive and of the elastic observer (one entry for each motor angle
 and velocity), u_a and u_o the torques of the two observers, and l = (forces, payload) the load in the beliefs p. Then
 
     z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last ρ, asinh((l - l_0)/l_1)),
@@ -248,7 +248,7 @@ def _scaled(innovation: Any, units: Units, fine: Any, coarse: Any) -> None:
 
 
 def _squash(numbers: Any) -> None:
-    """Replace the numbers of an array by their asinh."""
+    """Replace the entries of an array by their asinh."""
     for k in each(len(numbers)):
         numbers[k] = area_sine(numbers[k])
 
