@@ -121,9 +121,10 @@ class _Claim:
 
     def unknown(self) -> str:
         """Return, in words, which parts of the claim this checker does not support; empty if it supports all."""
-        odd = [] if self.law in _LAWS else [f"the law {self.law!r} (only {', '.join(_LAWS)})"]
-        odd += [] if self.schema in _SCHEMAS else [f"files of the schema {self.schema!r}"]
-        odd += [f"{name} {value!r:.40}" for name, value in self.known.items() if value not in _KNOWN[name]]
+        odd = [f"the law {self.law!r} (only {', '.join(_LAWS)})"] * (self.law not in _LAWS)
+        odd += [f"files of the schema {self.schema!r}"] * (self.schema not in _SCHEMAS)
+        other = [(n, x) for n, x in self.known.items() if x not in _KNOWN[n]]
+        odd += [f"any {n} but the default" if isinstance(x, dict) else f"{n} {x!r:.40}" for n, x in other]
         odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
         odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["durations in fractions of 1 ms"]
         return f"this checker does not cover {', '.join(odd)}" if odd else ""
