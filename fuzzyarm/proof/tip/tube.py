@@ -49,7 +49,8 @@ def tip_bound(
     away = [axis.value - x for axis, x in zip(tip, wanted, strict=True)]
     offset = math.hypot(*map(largest, away)) * ROUND_UP
     units, corner = _units(physics.axes)
-    rows, aside = units @ jacobian, np.abs(units @ [middle_of(x) for x in away])
+    middles = [middle_of(x) for x in away]
+    rows, aside = units @ jacobian, np.abs(units @ middles) + math.hypot(*map(radius_of, away, middles)) * ROUND_UP
     reach, reached = _reach(links, rows, aside)
     direction = int(np.argmax(np.where(reached, reach + aside, 0.0)))
     farthest = float((reach + aside)[direction])
@@ -57,6 +58,7 @@ def tip_bound(
     ctx.cap = 3
     boxes = (arb_series([arb(q, r), arb(0.0, r)]) for q, r in zip(angles, radius.tolist(), strict=True))
     bent = math.hypot(*(largest(axis[2]) for axis in physics.tip(physics.PerJoint(*boxes), plant.exact)))
+    bent += SLACK * float(np.abs(jacobian).sum(axis=0) @ radius)  # rounding of J
     image = np.abs(rows[direction] @ links.columns)
     made = deviations.source >= 0
     shares = np.bincount(deviations.source[made], image[made], len(SOURCES))
