@@ -27,7 +27,7 @@ def transposed(matrix: Any) -> Any:
 
 @functools.singledispatch
 def times(scale: Any, matrix: Any) -> Any:
-    """Return the matrices (..., r, c), each multiplied by its own number of `scale` (...)."""
+    """Return each of the matrices (..., r, c), multiplied by the corresponding entry of `scale` (...)."""
     return np.asarray(scale)[..., np.newaxis, np.newaxis] * matrix
 
 
@@ -37,7 +37,7 @@ def he(matrix: Any) -> Any:
 
 
 def identity(size: int) -> np.ndarray:
-    """Return an identity block (size, size) of whole numbers."""
+    """Return an identity block (size, size) of integers."""
     return np.eye(size, dtype=int)
 
 
