@@ -37,7 +37,7 @@ def he(matrix: Any) -> Any:
 
 
 def identity(size: int) -> np.ndarray:
-    """Return an identity block (size, size) of integers."""
+    """Return an identity block (size, size) of whole numbers."""
     return np.eye(size, dtype=int)
 
 

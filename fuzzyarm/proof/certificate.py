@@ -61,7 +61,7 @@ class Certificate:
 
     @property
     def proof_margin(self) -> float:
-        """The smallest proof margin of all inequalities, dimensionless."""
+        """The smallest proof margin of all inequalities, without unit."""
         return min(claim.proof_margin for claim in self.claims)
 
 

@@ -73,7 +73,7 @@ class Space:
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def reach_of(self, row: np.ndarray) -> float:
-        """Return the bound of `reach` for a single row (n,), computed faster because not in blocks."""
+        """Return the bound of `reach` for a single row (n,), computed without blocks, which is faster."""
         n, sizes = len(self._totals), np.abs(row)
         found = np.abs(row[:n] @ self._columns).sum() + sizes[:n] @ self._box + sizes[n:].sum()
         return float(found) * ROUND_UP
@@ -534,7 +534,7 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
         0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
         0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move;
 
-    lines with half these slopes leave half these widths as remainders. If that is wider, f only bounds the friction.
+    lines with half these slopes leave half these widths as remainders. Or, if narrower, f bounds an arbitrary friction.
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:

@@ -256,7 +256,7 @@ class Friction:
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
-        """Return the least v̇ for v < 0 and the largest for v > 0 [rad/s²], with N within `spread` of the centre's."""
+        """Return the least v̇ for v < 0, the largest for v > 0 [rad/s²]; N is within `spread` [N m] of the centre's."""
         net_low, net_high = low_high(self._net)
         backward = self.share[0] * self._curve.strength(0.0, max(-low, 0.0))[0]
         forward = self.share[0] * self._curve.strength(0.0, max(high, 0.0))[0]

@@ -141,7 +141,7 @@ class LapSet(NamedTuple):
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
         """Return a bound on the |g_i| that the end of a lap needs in this set; at most 1 means that it lies inside.
 
-        The arguments describe the end as in `around`.
+        The end is given by `point`, (8,), (m,), (0 or 2,), and deviations, as in `around`.
 
         With G = [G', B] and the columns Y of c⁺ - c, C⁺ - C and of the end itself, g' = Γ' y for any Γ', and
         B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|),

@@ -29,7 +29,7 @@ __all__ = ["Problem", "Step", "Tube", "tip_bound"]
 
 _DIRECTIONS = 48  # of the polygon around the tip's deviations in a plane; it is at most 0.06 % larger than these
 _COARSE = 6  # one direction in so many is evaluated first
-_CIRCLES = 19  # of latitude, of directions in space; the polyhedron is at most 0.4 % larger than the deviations
+_CIRCLES = 19  # circles of latitude of directions in space; the polyhedron is at most 0.4 % larger than the deviations
 
 
 def tip_bound(
@@ -81,7 +81,7 @@ def _units(axes: int) -> tuple[np.ndarray, float]:
 
 
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reach in the relevant directions, zero in the others, and a mask of the relevant; all are in space.
+    """Return the reach in the relevant directions (zero elsewhere) and a mask of these; in space, all are relevant.
 
     Let v be the farthest point of a symmetric set with reach h. Some coarse direction c (every `_COARSE`-th) is within
     the angle α = π _COARSE/(2 _DIRECTIONS) of v, so h(c) >= |v| cos α >= h(c') cos α for all c'. Only near such c are
@@ -116,8 +116,8 @@ class Problem:
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
     box: StartBox | None = None  # initial states of the first lap, about `start`; None: `start` alone
-    # δ (2,) [N m], by which a guest changes the law's torque at most at every sample; empty: no guest. The motors'
-    # limits apply afterwards.
+    # largest change δ (2,) [N m] of the law's torque by a guest, at every sample; empty: no guest. The motors' limits
+    # apply afterwards.
     guest: tuple[float, ...] = ()
 
 

@@ -4,7 +4,7 @@
 
 The first columns are those of the uncertain constants, whose g_i are the same at every instant. The others come from
 the disturbances in the periods so far, each from one source. Old columns from one source are merged into a
-parallelepiped that encloses them, with as many columns as x has entries.
+parallelepiped that encloses them, with one column for each of the numbers in x.
 """
 
 from __future__ import annotations
