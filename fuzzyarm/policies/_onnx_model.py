@@ -25,7 +25,7 @@ _LARGEST = 64 * 2**20  # bytes
 
 
 def past_seen(path: Path, inputs: int, joints: int) -> int:
-    """Return the `history` for which an observation has `inputs` numbers; ValueError if there is no such `history`."""
+    """Return the `history` for which an observation has `inputs` entries; ValueError if there is no such `history`."""
     past, rest = divmod(inputs - 6 * joints, 2 * joints)
     if inputs == 5 * joints:
         return 0

@@ -124,7 +124,7 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
 
 
 def _axes(tensors: dict[str, np.ndarray], name: str) -> tuple[int, ...]:
-    """Return the numbers of axes of a layer's weight and bias, without a number for a missing array."""
+    """Return how many axes a layer's weight and its bias have; a missing array is left out."""
     return tuple(tensors[name + part].ndim for part in ("weight", "bias") if name + part in tensors)
 
 

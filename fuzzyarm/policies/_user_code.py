@@ -118,14 +118,14 @@ def _imported(name: str) -> ModuleType:
 
 
 class UserPolicy:
-    """A wrapper of the user's object that turns failures of the object into errors with its name."""
+    """A wrapper of the user's object; if the object fails, the error names the object."""
 
     def __init__(self, name: str, policy: Any, control_period: float) -> None:
         self.name, self.control_period, self._policy = name, control_period, policy
 
     @property
     def action_period(self) -> float:
-        """Time for which an action is held [s]: that of the object if it states one, else the control period."""
+        """Time for which an action is held [s]: the object's value if it states one, else the control period."""
         return float(getattr(self._policy, "action_period", self.control_period))
 
     def without_dry_friction(self) -> UserPolicy:

@@ -127,8 +127,8 @@ _NAMED = {
 
 _MARGINS = "margins at random postures and along the default path of the arm of {}"
 _POSTURES = "random postures of {}; all else of the arm of Table 1"
-# For a law on another arm: the objective (empty: unchanged) and `tuned_on` that replace those of the law; {}: the arm.
-_ON_ROBOTS = {  # the law's numbers are derived from those of Table 1
+# For a law on another arm: the objective (empty: unchanged) and `tuned_on` that replace the law's; {}: arm.
+_ON_ROBOTS = {  # the law's parameters are derived from those for Table 1
     COMPUTED_TORQUE: ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
     ELASTIC_OBSERVER: ("weights of Table 1, softened until there are margins", _POSTURES),
     SMOOTH_OBSERVER: ("that of elastic-observer, whose gains it has", "nothing of its own"),
@@ -187,7 +187,7 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: A
 
 
 def declared_by_name(name: str) -> Declared | None:
-    """Return the declaration of a policy of the package, None for any other policy, without reading a file."""
+    """Return the declaration of a policy of the package, without reading a file; None for any other policy."""
     spec = resolve(name)
     return declared(spec) if spec.named else None
 

@@ -33,22 +33,22 @@ Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
 
 
 class Kind(enum.StrEnum):
-    """The source that a policy is made from."""
+    """What a policy is made from."""
 
     LAW = "law"  # a function in this process with the arguments arm and control period
     CONTROLLER = "controller"  # a controller file
     LEARNED = "learned"  # the folder of a learned policy
-    TUNED = "tuned"  # a law with the numbers of a folder of `fuzzyarm tune`
+    TUNED = "tuned"  # a law with the parameters in a folder of `fuzzyarm tune`
     SHIELD = "shield"  # a law with a guest, see `fuzzy_policy.laws.shield`; `CODE` where the guest is code
     CODE = "code"  # the user's own code, ``package.module:factory``, or a foreign model, see `FOREIGN`
 
 
 @dataclasses.dataclass(frozen=True)
 class _NamedPolicy:
-    """The source of a policy known by name."""
+    """What a policy known by name is made from."""
 
-    kind: Kind  # what it is made from; never `Kind.CODE`
-    factory: Factory | None = None  # for `Kind.LAW`, the function that makes it
+    kind: Kind  # never `Kind.CODE`
+    factory: Factory | None = None  # for `Kind.LAW`, the function that makes the law
     path: Path | None = None  # otherwise, the controller file or the folder of the learned policy
     has_tip: bool = False  # whether the name with the suffix `TIP` is known as well
 

@@ -5,7 +5,7 @@
     mine.json                                      a controller file
     runs/mine                                      the folder of a learned policy
     my-arm/computed-torque, my-arm/fuzzy-4-tip     a policy of a folder that `fuzzyarm tune` wrote
-    package.module:factory                         the user's own code, see `user_code`
+    package.module:factory                         the user's own code, see `_user_code`
     shield:fuzzy-4-tip:GUEST:4,2                   any of these within ± (4, 2) N m of a law, see `laws.shield`
 
 A name may come from a file, and files are not trusted: no name makes `resolve` or `load_policy` import or run code.
@@ -49,11 +49,11 @@ class _Shield(NamedTuple):
     """The parts of a shield's name."""
 
     law: PolicySpec
-    guest: PolicySpec  # its name is `ANY_GUEST` for every guest
+    guest: PolicySpec  # with the name `ANY_GUEST` if it stands for every guest
     margin: str  # δ [N m], separated by commas
 
     def named(self, law: str, guest: str) -> str:
-        """Return the name of this shield with other names of its parts."""
+        """Return the name of this shield with other names for its law and guest."""
         return f"{_SHIELD}{law}:{guest}:{self.margin}"
 
 
@@ -83,7 +83,7 @@ class PolicySpec:
 
     @property
     def label(self) -> str:
-        """The label of the policy in tables and figures: its name, or that of its file without folder and ``.json``.
+        """The label of the policy in tables and figures: its name, or its file's name without folder and ``.json``.
 
         A policy of `fuzzyarm train` is named after the folder of its training run, with ``-best`` for the best policy.
         """
@@ -238,13 +238,13 @@ def _in_shield(name: str, run_code: bool) -> PolicySpec:
 
 
 def any_guest(name: str) -> str:
-    """Return the name of a shield with its guest replaced by `ANY_GUEST`; any other name as it is."""
+    """Return the name of a shield with its guest replaced by `ANY_GUEST`; any other name is unchanged."""
     shield = resolve(name).shield
     return name if shield is None else shield.named(shield.law.name, ANY_GUEST)
 
 
 def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the name of the law in a shield, and δ (n,) [N m]; for any other policy its name, and an empty δ."""
+    """Return the name of the law in a shield, and δ (n,) [N m]; for any other policy, its name and an empty δ."""
     shield = resolve(name).shield
     if shield is None:
         return name, ()
@@ -274,7 +274,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
         if not name.isprintable():
             raise ValueError(f"policy {name!a}: its name contains characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
-    if len({label.replace(":", "-") for label in specs}) < len(names):  # the names of files do the same
+    if len({label.replace(":", "-") for label in specs}) < len(names):  # file names replace ":" by "-", too
         raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
     return specs
 

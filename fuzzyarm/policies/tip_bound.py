@@ -40,7 +40,7 @@ __all__ = [
 ]  # fmt: skip
 
 _PATHS = tuple(SHAPES)  # paths of the tip by name
-_LAPS, _MOST_LAPS = 3, 5  # of references that the law is asked about; that a search does
+_LAPS, _MOST_LAPS = 3, 5  # laps of references for which the law is prepared; most laps of a search
 _CLOSED = 1e-9  # largest difference of the references at both ends of a closed path [rad, ...]
 PERIOD = 1e-3  # control period [s], the environment's own
 
@@ -55,12 +55,12 @@ class TipClaim:
         set_name: label of the set for its user, see `check_set_name`; results do not depend on it.
         plants: the set.
         path: one of `_PATHS`.
-        duration: of the motion [s].
+        duration: duration of the motion [s].
         steps: number of control steps of the motion that are bounded; None for all.
-        laps: "one", or "ever": the motion is repeated without an end, with its case, and all laps are bounded.
-        start: box about the start in which the first lap begins; None: the start itself.
-        arm: for which the policy is loaded; None: that which its name stands for.
-        points: of a path in place of `path`.
+        laps: "one", or "ever": the motion is repeated endlessly, with its case, and all laps are bounded.
+        start: box of initial states of the first lap, about the environment's start; None: this start alone.
+        arm: arm for which the policy is loaded; None: the arm that the policy's name implies.
+        points: given path that replaces `path`.
     """
 
     policy: str
@@ -105,7 +105,7 @@ class TipClaim:
         return moved  # type: ignore[no-any-return]
 
     def motion(self, count: int) -> str:
-        """Return start, instants, path and case in words, of a bound of `count` control steps."""
+        """Return, in words, the start, instants, path and case of a bound over `count` control steps."""
         total = self.samples
         steps = f"all {total} control steps" if count == total else f"the first {count} of {total} control steps"
         lap = "a lap" if self.laps == "one" else "every lap, for ever,"
@@ -118,7 +118,7 @@ class TipClaim:
         return f"at every instant of {steps} {along}, {start}{beside}"
 
     def named_set(self, arm: AnyArm) -> str:
-        """Return the name in `SETS` of the set, else its ranges in words; `arm` is the one in its middle."""
+        """Return the set's name in `SETS`, else its ranges in words; `arm` is the arm in the middle of the set."""
         if self.plants == PlantSet() and arm != ArmParameters():
             return "of one plant"
         return _known(self.plants) or f"with {self.plants.in_words()}"
@@ -133,7 +133,7 @@ def _known(plants: PlantSet) -> str | None:
 
 
 class LapClaim(NamedTuple):
-    """The claim of a file for a lap: the segments of each control step with their tubes, and where the lap begins."""
+    """A file's claim for a lap: the segments of each control step with their tubes, and the set where it begins."""
 
     steps: Sequence[Sequence[tuple[Segment, TubeClaim]]]
     begin: LapSet | None = None  # of a later lap; None for the first
@@ -143,9 +143,9 @@ class LapClaim(NamedTuple):
 class _Lap:
     """A proven bound on the tip error of a lap."""
 
-    tip: np.ndarray  # bound of the tip error at the end of each control step [m]
+    tip: np.ndarray  # bound on the tip error at the end of each control step [m]
     whole: np.ndarray  # the same at every instant of each control step [m]
-    # of each of `tip`, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
+    # for each entry of `tip`, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
     sources: np.ndarray
     steps: tuple[Step, ...]  # the tube; empty if it was not kept
     begin: LapSet | None = None  # set in which a later lap begins
@@ -155,10 +155,10 @@ class _Lap:
 class TipBound(_Lap):
     """A proven bound on the tip error: of the first lap, and of later ones."""
 
-    claim: TipClaim  # for which it is proven
-    arm: AnyArm  # in the middle of the set
+    claim: TipClaim  # the claim for which it is proven
+    arm: AnyArm  # the arm in the middle of the set
     seconds: float  # duration of the proof
-    later: tuple[_Lap, ...] = ()  # the second lap and so on; the last of them is every later one
+    later: tuple[_Lap, ...] = ()  # the second lap and so on; the last entry holds for all further laps
 
     @property
     def all_laps(self) -> tuple[_Lap, ...]:
@@ -216,9 +216,9 @@ def plain(name: str) -> str:
 
 
 def arm_in_words(arm: AnyArm) -> str:
-    """Return an arm in words: Table 1's, or one with all the numbers that differ from Table 1; a robot by its numbers.
+    """Return an arm in words: the arm of Table 1, or its values that differ from Table 1; for a robot, its digest.
 
-    A robot has its name only where all its numbers are those of the shipped robot of this name.
+    A robot is named only if all its values are those of the shipped robot of that name.
     """
     if isinstance(arm, Robot):
         known = next((name for name in shipped_robots() if robot_named(name).digest == arm.digest), None)
@@ -236,7 +236,7 @@ def own_duration(policy: str, arm: AnyArm | None, path: str, points: GivenPath |
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
-    """Return the problem that proves a claim; `policy` replaces the one of the claim's name, for one without a name."""
+    """Return the problem of a claim; `policy`, which needs no name, replaces the policy that the claim names."""
     law, guest = without_guest(claim.policy)
     policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
     parameters, joints = policy.parameters, policy.joints
@@ -271,7 +271,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
 
 @contextlib.contextmanager
 def _uncollected() -> Iterator[None]:
-    """Look for no cycles of objects: a proof makes none, and looking takes a tenth of its time."""
+    """Switch off garbage collection, which takes a tenth of a proof's time although a proof makes no cycles."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -293,11 +293,11 @@ def find_bound(
     Args:
         claim: the claim to prove.
         advance: called after each control step.
-        claims: laps of a file, to be confirmed; None to search for them.
+        claims: the claims of a file for its laps, to be confirmed; None to search for tubes.
         policy: the policy object if it has no name; None to load it by the claim's name.
 
     Raises:
-        NoBound: there is no bound; the message says when and why it fails.
+        NoBound: no bound was found; the message says at which instant and why the proof fails.
         ValueError: a name is unknown, or the case's tip force or payload does not fit the arm.
     """
     begin = time.perf_counter()
@@ -339,7 +339,7 @@ def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> _Lap:
     """Return the bound of a lap; `NoBound` with a message that begins with `name`."""
     steps: list[Step] = []
     try:
-        with np.errstate(all="ignore"):  # what is too large is no number, and fails each check
+        with np.errstate(all="ignore"):  # values that overflow become inf or nan, which fail every check
             for step in tube:
                 steps.append(step)
                 advance()

@@ -29,11 +29,11 @@ _DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
     **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
 }
-"""The ranges that a name divides: the range of a field, those of both joints, or that of one joint (mass-2)."""
+"""By name, the ranges to divide: the range of a field, the ranges of both joints, or that of one joint (mass-2)."""
 
 
 def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet]:
-    """Yield the cells of a set: the products of the adjoining parts of its divided ranges."""
+    """Yield the cells of a set: all combinations of the parts of its divided ranges."""
     distinct("cells", [name for name, _ in divisions])
     axes: list[list[tuple[Axis, tuple[float, float]]]] = []
     for name, parts in divisions:
@@ -82,7 +82,7 @@ def bounds_of_cells(
 def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
     """Yield the bound for the claim's set, which is a cell, or for its parts after up to `halvings` halvings.
 
-    `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part still has no bound then.
+    `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if one of these parts has no bound.
     """
     try:
         yield find_bound(claim)

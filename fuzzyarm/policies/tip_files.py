@@ -1,7 +1,7 @@
 """The file of a proven bound: the claim, and the centre and the radii of the tube, from which it can be checked again.
 
-A bound by cells is a file of the whole set, beside one file for each cell. Both hold numbers only. Every float is the
-shortest decimal that identifies it, so it is read back exactly. Fields of both:
+A bound by cells has a file for the whole set and one file for each cell. The files contain data only, no code. Every
+float is written as the shortest decimal that identifies it, so it is read back exactly. Fields of both kinds of files:
 
     schema          fuzzyarm-tip-bound/2, of cells fuzzyarm-tip-cells/3
     policy, case    names
@@ -10,25 +10,25 @@ shortest decimal that identifies it, so it is read back exactly. Fields of both:
     set_name        a label
     plants          fields of `PlantSet`
     path            name of the path
-    points          fields of `GivenPath`, a path in its place, or null
+    points          fields of `GivenPath`, a given path that replaces `path`; or null
     duration        of the motion [s], one lap of N = ceil(duration / T) control steps, T = 1 ms
     start           fields of `StartBox`, a box about the environment's start in which the first lap begins; null: none
     laps            "one"; or "ever": motion and case are repeated, and sample N of a lap is sample 0 of the next
-    bound           of the tip error at every instant of all laps [m]
+    bound           bound on the tip error at every instant of all laps [m]
 
 of a single bound:
 
     files           SHA-256 of the policy's files, by name
-    tip             bounds of the tip error at the end of control steps 1 to n <= N of the first lap [m]
+    tip             bounds on the tip error at the end of control steps 1 to n <= N of the first lap [m]
     whole           the same at every instant of each step, its ends included [m]
-    steps           of each step its segments: duration [s]; modes and plans of the motors; angles (4, 8) [rad], the
+    steps           for each step its segments: duration [s]; modes and plans of the motors; angles (4, 8) [rad], the
                     coefficients in s in [-1, 1] of the centre's θ_1, θ_2, q_1, q_2; end (8,), its end; tube (18,)
     later           with laps "ever" one or more laps: `tip`, `whole` and `steps` as above, n = N; and `begin`, the set
                     x = c + C π + G g in which the lap begins, |g_i| <= 1, π: the factors of the uncertain constants.
-                    x are θ, q, θ̇, q̇ (8); the numbers of the policy's memory that depend on what it measured (m); and
-                    with late torques the one that acts next (2). `begin` has c as centre (8,), memory (m,) and waiting
-                    (0 or 2,), C as constants and G as columns, both lists of columns. The end of each lap lies in the
-                    set of the next, that of the last one in its own: its bounds hold in all laps that follow
+                    x are θ, q, θ̇, q̇ (8); the entries of the policy's memory that depend on measurements (m); and, if
+                    torques act late, the torque that acts next (2). `begin` has c as centre (8,), memory (m,) and
+                    waiting (0 or 2,), C as constants and G as columns, both lists of columns. Each lap ends in the set
+                    of the next lap; the last one ends in its own set, so its bounds hold in all laps that follow
 
 and of cells: `samples`, the number of steps of the first lap that are bounded, and `cells`, the names of their files.
 """
@@ -77,10 +77,10 @@ from fuzzyarm.proof.tip.tube import Step
 __all__ = ["BoundCheck", "CellBound", "check_bound", "is_bound", "save_bound", "save_cells"]
 
 _SCHEMA, _CELLS_SCHEMA = "fuzzyarm-tip-bound/2", "fuzzyarm-tip-cells/3"  # of the file of a bound, and of one by cells
-_LARGEST = 1e6  # of any number of a tube or a bound
+_LARGEST = 1e6  # largest value in a tube or a bound
 _POINT = ("centre", "memory", "waiting")  # of a set in which a lap begins
 _RECORDS: dict[str, Any] = {"arm": ArmParameters, "points": GivenPath, "start": StartBox}  # of a claim, where not None
-_ROUNDING = 1 + 1e-9  # by which a number that is found again may differ
+_ROUNDING = 1 + 1e-9  # factor by which a recomputed value may differ
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,12 +107,12 @@ class _Begin:
 
     @classmethod
     def of(cls, start: LapSet) -> Self:
-        """Return the record of a set."""
+        """Return the record of a `LapSet`."""
         parts = (*start[:3], start.constants.T, start.columns.T)
         return cls(*(part.tolist() for part in parts))
 
     def checked(self) -> LapSet:
-        """Return the checked set."""
+        """Check the record and return its `LapSet`."""
         point = [
             finite_array(name, getattr(self, name), (len(getattr(self, name)),), largest=_LARGEST) for name in _POINT
         ]
@@ -161,7 +161,7 @@ class _Claimed:
 
     @classmethod
     def of(cls, claim: TipClaim, **others: Any) -> Self:
-        """Return the record of a claim with the fields that are not the claim's own."""
+        """Return the record of a claim; `others` are the fields that do not belong to the claim."""
         own = {name: getattr(claim, name) for name in ("policy", "case", "set_name", "path", "duration", "laps")}
         for name in _RECORDS:
             value = getattr(claim, name)
@@ -208,13 +208,13 @@ class BoundCheck:
     """The outcome of the check of a file."""
 
     path: Path  # the file
-    claim: TipClaim  # for which the file claims a bound
-    arm: AnyArm  # in the middle of the set
-    bound: float  # the claimed bound [m], or the one found now where that is larger by rounding
+    claim: TipClaim  # the claim of the file
+    arm: AnyArm  # the arm in the middle of the set
+    bound: float  # the claimed bound [m], or the recomputed one if rounding makes it larger
     reason: str  # why the claim is not proven; empty if it is
     seconds: float  # duration of the check
-    # bound of the tip error at the end of each control step of the first lap [m], as the file states it; of cells, the
-    # largest
+    # bound on the tip error at the end of each control step of the first lap [m], as the file states it; the largest
+    # of all cells
     tip: np.ndarray
     cells: int | None = None  # number of cells, each of which has to be proven; None for a file of one tube
 
@@ -282,9 +282,9 @@ class CellBound(NamedTuple):
     """The bound of one cell."""
 
     plants: PlantSet  # the cell
-    bound: float  # of the tip error [m]
-    samples: int  # of the motion that are bounded
-    path: Path | None  # file of the bound; None where none was written
+    bound: float  # bound on the tip error [m]
+    samples: int  # number of bounded samples of the motion
+    path: Path | None  # file of the bound; None if no file was written
 
 
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:

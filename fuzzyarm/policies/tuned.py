@@ -2,7 +2,7 @@
 
     robot.toml      the arm, in the format for `--robot`
     fuzzy-4.json    a controller file
-    laws.json       the numbers of the laws and the names of the policies (`TunedLaws`)
+    laws.json       the parameters of the laws and the names of the policies (`TunedLaws`)
 
 ``folder/fuzzy-4-tip``, ``folder/computed-torque`` and so on are names of policies, and the folder is also accepted as a
 robot. The file of the laws is valid only for its arm: a folder with a changed arm is refused.
@@ -77,7 +77,7 @@ class TunedLaws:
         return laws
 
     def numbers(self) -> dict[str, Any]:
-        """Return each law's bandwidth or weights, None without the law; ValueError if a weight is wrong."""
+        """Return the bandwidth or weights of each law, None if the law is missing; ValueError if a weight is wrong."""
         from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
         from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
@@ -111,7 +111,7 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
 
 
 def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return a law of `LAWS` by name, with the numbers of a tuned folder, for its arm and control period [s]."""
+    """Return a law of `LAWS` by name, with the parameters of a tuned folder, for its arm and control period [s]."""
     laws = TunedLaws.read(folder, arm)
     if name not in {policy.removesuffix(TIP) for policy in laws.policies}:
         raise ValueError(f"{folder} has no policy {name}; choose from: {', '.join(laws.policies)}")

@@ -91,7 +91,7 @@ def largest_motion(reference: JointReference) -> np.ndarray | None:
 
 
 class _Bound:
-    """The search over intervals of x = t/T in [0, 1]; the ends of intervals are dyadic numbers, and so exact."""
+    """The search over intervals of x = t/T in [0, 1], whose ends are dyadic numbers and therefore exact as floats."""
 
     def __init__(self, rows: list[tuple[int, list[list[arb]]]], reference: JointReference, sampled: np.ndarray) -> None:
         self.reference, self.rows = reference, rows  # rows: for each y, its order and w_ij of both joints
@@ -183,7 +183,7 @@ def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_si
 
 
 def _rounded_up(value: arb) -> float:
-    """Return a float that no number of a ball exceeds; inf for nan."""
+    """Return an upper float bound on a ball; inf for nan."""
     if value.is_zero():
         return 0.0
     if not value.is_finite():

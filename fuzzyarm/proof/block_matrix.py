@@ -27,7 +27,7 @@ def transposed(matrix: Any) -> Any:
 
 @functools.singledispatch
 def times(scale: Any, matrix: Any) -> Any:
-    """Return the matrices (..., r, c), each multiplied by its own number of `scale` (...)."""
+    """Return each of the matrices (..., r, c), multiplied by the corresponding entry of `scale` (...)."""
     return np.asarray(scale)[..., np.newaxis, np.newaxis] * matrix
 
 

@@ -91,7 +91,7 @@ class TrigMatrix:
 
 
 def _packed(matrices: np.ndarray) -> np.ndarray:
-    """Return the numbers of the lower triangles (..., s(s + 1)/2) of symmetric matrices (..., s, s), row by row."""
+    """Return the lower triangles (..., s(s + 1)/2) of symmetric matrices (..., s, s), row by row."""
     row, column = np.tril_indices(matrices.shape[-1])
     return matrices[..., row, column]
 
@@ -105,7 +105,7 @@ def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
 
 
 def _control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
-    """Return the matrix (5, 5) from the coefficients of one angle to its control values, as nested lists.
+    """Return the matrix (5, 5), as nested lists, that maps coefficients in one angle to control values.
 
     The arguments are cosines and sines of the interval's middle m and half width h > 0 [rad], as arrays or balls.
     """
@@ -260,7 +260,7 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
         factors = np.linalg.inv(np.linalg.cholesky(numbers))
     except np.linalg.LinAlgError:
         return False
-    # The place of each entry of a matrix in its lower triangle.
+    # The index of each entry of a matrix in its packed lower triangle.
     places = _unpacked(np.arange(triangle), matrix.size).tolist()
     matrices = (arb_mat([[control[at] for at in row] for row in places]) for control in controls)
     lefts = map(arb_mat, factors.tolist())

@@ -66,7 +66,7 @@ class Certificate:
 
 
 PROVEN: set[str] = set()
-"""Digests of the controllers that this process has proven; a digest depends on every number."""
+"""Digests of the controllers that this process has proven; a change of any stored number changes the digest."""
 
 
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
@@ -117,13 +117,13 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
 
 
 def _inequality_name(letter: str, i: int, j: int, k: int) -> str:
-    """Return the name of the inequality of vertices i <= j of A and k of E, all from 0, as in `Claim`."""
+    """Return the name, as in `Claim`, of the inequality for vertices i <= j of A and k of E, counted from 0."""
     first, second = f"{letter}_{i + 1},{j + 1},{k + 1}", f"{letter}_{j + 1},{i + 1},{k + 1}"
     return f"{first} < 0" if i == j else f"{first} + {second} < 0"
 
 
 def controller_statement(controller: Controller) -> str:
-    """Return a statement of what the certificate proves and what it does not, with the numbers of this controller."""
+    """Return a statement of what the certificate proves and what it does not, with the values of this controller."""
     p, model = controller.model.parameters, controller.model
     # The proof also covers a smaller box, a smaller decay rate, a wider strip of poles and a larger gain.
     angles, speeds = (", ".join(at_least(x, 6) for x in limit) for limit in (p.joint_limit, p.velocity_limit))

@@ -84,7 +84,7 @@ def is_dominant(matrix: Any) -> bool:
 
 
 def largest_growth(matrix: np.ndarray, size: int) -> float:
-    """Return c² with |x_1(t)| <= c exp(-αt) |x_1(0)| if V = xᵀAx, or xᵀA⁻¹x, falls at least as exp(-2αt); else inf.
+    """Return c² with |x_1(t)| <= c exp(-αt) |x_1(0)| if V = xᵀAx or xᵀA⁻¹x decays as exp(-2αt); inf without a proof.
 
     x_1 are the first `size` entries of x; the others are initially zero. c² is a proven upper bound on
     λmax(A_11) λmax((A⁻¹)_11): A_11 < λI, and (A⁻¹)_11 < μI if A > diag(I/μ, 0). For x_1 = x: A's condition number.
@@ -102,7 +102,7 @@ def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
 
 
 def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
-    """Return a number slightly above the last of `values`, for which `rest` is proven positive definite, or inf."""
+    """Return an x slightly above `values[-1]` for which `rest(x)` is proven positive definite; inf without a proof."""
     tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
     return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 

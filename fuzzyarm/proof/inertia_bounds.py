@@ -1,4 +1,4 @@
-"""The bounds of a robot's inertia that a scheduled controller claims, as matrices that must be positive definite.
+"""The bounds on a robot's inertia that a scheduled controller claims, as matrices that must be positive definite.
 
 *Inertia.* The inertia of a robot, or of its last links on a moving base, is an exact trigonometric polynomial of its
 angles. The kinetic energy of links a + 1 to n, with link a as their base, is T = ½ yᵀ D(q) y. Here y contains the
@@ -118,7 +118,7 @@ def _rotation(axis: Sequence[float], c: fmpq, s: fmpq) -> fmpq_mat:
 
 
 def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Yield every bound claimed by a controller, in exact rationals from its robot and its stored numbers.
+    """Yield every bound claimed by a controller, in exact rationals from its robot and its stored values.
 
     Each bound is a name, the polynomial of a matrix that must be positive definite, and the ranges (d, 2) of its
     angles [rad].

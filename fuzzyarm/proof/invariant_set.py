@@ -52,7 +52,7 @@ class Bounds(NamedTuple):
 
 
 class InvariantSet(NamedTuple):
-    """The set {V <= level}; all numbers are zero if there is no such set."""
+    """The set {V <= level}; level, disturbance and start are zero if there is no such set."""
 
     level: float  # r
     disturbance: float  # largest |d| [N m] at every instant
@@ -68,7 +68,7 @@ def _is_invariant(level: float, disturbance: float, bounds: Bounds) -> bool:
 
 
 def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
-    """Return the largest such set for a proven controller and its reference; without a set, `statement` says why."""
+    """Return the largest invariant set of a proven controller on its reference; `statement` explains a missing set."""
     if isinstance(controller, ScheduledController):
         return _of_scheduled(controller)
     try:
@@ -79,7 +79,7 @@ def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
 
 
 def _largest(bounds: Bounds) -> tuple[float, float]:
-    """Return the level and the disturbance of the largest set, rounded down and proven; a level of 0 without a set."""
+    """Return level and disturbance of the largest set, rounded down and proven; level 0 if there is no set."""
     if min(bounds.room) <= 0:
         return 0.0, 0.0
     widest = min(room * room / p for p, room in zip(bounds.spread, bounds.room, strict=True))
@@ -107,7 +107,7 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
 
 
 def _of_paper(controller: Controller, circle: JointReference) -> InvariantSet:
-    """Return no set: even with the whole box as room, W is below the norm that the reference attains."""
+    """Return an `InvariantSet` of zeros; even with the whole box as room, W is below a norm that r attains."""
     _, W = _largest(_bounds(controller, np.zeros(PLANT_STATES)))
     r = np.hstack(circle.sample(np.linspace(0.0, circle.duration, CHECKED_INSTANTS)))
     attained = float(np.linalg.norm(r, axis=1).max()) * (1.0 - 1e-9)
@@ -142,7 +142,7 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 
 
 def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
-    """Return a set with its statement, for V <= steepest |e|² if only e is not zero."""
+    """Return a set with its statement; V <= steepest |e|² for states in which only e is not zero."""
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
         f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "

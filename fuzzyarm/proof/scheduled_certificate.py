@@ -1,4 +1,4 @@
-"""The claims of a controller of the form "semidefinite", proven again from its stored numbers.
+"""The claims of a controller of the form "semidefinite", proven again from its stored values.
 
 *Scalar loop.* The loop has three states for any number of joints. In the coordinates ε = M̂^(1/2) e of the scheduled
 inertia M̂, the error of each joint obeys the same loop, with λ an eigenvalue of M̂^(1/2) M̄⁻¹ M̂^(1/2), between 1/κ and 1:
@@ -76,7 +76,7 @@ def certify_scheduled(
 ) -> Certificate:
     """Prove every claim of a controller; `Certificate.proven` says whether all of them hold.
 
-    The claims come from the controller's stored numbers; the inertia is computed from its robot. With `in_balls`, each
+    The claims come from the controller's stored values; the inertia is computed from its robot. With `in_balls`, each
     box is also proven in balls, which takes longer. `progress` is called after each claim.
     """
     claims = _loop_claims(controller)
@@ -127,7 +127,7 @@ def _inertia_claim(name: str, polynomial: np.ndarray, ranges: np.ndarray, in_bal
 
 
 def scheduled_statement(controller: ScheduledController) -> str:
-    """Return a statement of what the certificate proves and what it does not, with the numbers of this controller."""
+    """Return a statement of what the certificate proves and what it does not, with the values of this controller."""
     robot, kept = controller.robot, controller.premises
     ranges = ", ".join(
         f"[{at_most(low, 6)}, {at_least(high, 6)}]" for low, high in (joint.angle_range for joint in robot.joints)

@@ -106,7 +106,7 @@ def check(path: Path) -> SecondCheck:
 
 
 class _Claim:
-    """The content of a file."""
+    """The content of the file of a bound."""
 
     def __init__(self, document: dict[str, Any]) -> None:
         self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document.get("files")
@@ -147,7 +147,7 @@ def _upper(x: Any) -> float:
 
 
 def _ends(x: Any) -> tuple[float, float]:
-    """Return floats that enclose a ball from both sides."""
+    """Return a lower and an upper float bound on a ball."""
     middle, radius = float(x.mid()), _upper(x - x.mid())
     spare = 2.0**-50 * (abs(middle) + radius)
     return middle - radius - spare, middle + radius + spare
@@ -177,7 +177,7 @@ def link_torque(c: list[Any], q: Any, v: Any, a: Any) -> list[Any]:
 
 
 def _jacobian(f: Any, x: list[Any]) -> list[list[Any]]:
-    """Return ∂f/∂x (m, n): the linear terms of power series in each of x."""
+    """Return ∂f/∂x (m, n), from the linear terms of power series in each entry of x."""
     along = ([arb_series([a, int(i == k)], prec=2) for i, a in enumerate(x)] for k in range(len(x)))
     return [list(row) for row in zip(*([y[1] for y in f(series)] for series in along), strict=True)]
 
@@ -244,7 +244,7 @@ def _tip(q: list[Any], length: list[Any]) -> list[Any]:
 
 
 def _on_circle(t: Any, duration: float) -> list[Any]:
-    """Return p on the circle about (0.35, 0.65), R = 0.2, from ψ = π/2 once backwards, with the quintic time law."""
+    """Return p(t) on the circle about (0.35, 0.65), R = 0.2: one turn backwards from ψ = π/2, quintic time law."""
     x = t / arb(duration)
     psi = arb.pi() / 2 - 2 * arb.pi() * x * x * x * (10 - 15 * x + 6 * x * x)
     return [arb(0.35) + arb(0.2) * psi.cos(), arb(0.65) + arb(0.2) * psi.sin()]
@@ -261,7 +261,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign of θ̇_d at rest: the rounding error of 11 τ - 18 τ + 9 τ - 2 τ, a sum repeated in doubles."""
+    """Return the sign of θ̇_d at rest, which rounding errors in doubles decide, as in 11 τ - 18 τ + 9 τ - 2 τ."""
     (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
@@ -577,7 +577,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the numbers of control steps; in claims for ever the last lap repeats until it ends where it began."""
+        """Yield the indices of control steps; for endless laps, repeat the last until it ends in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -588,7 +588,7 @@ class _Tube:
                     raise _Refused("the end of the last lap is not inside the set in which the lap began")
 
     def step(self, place: int) -> tuple[float, float]:
-        """Take a control step; return bounds on the tip error during it and at its end [m]."""
+        """Take a control step; return bounds on the tip error during the step and at its end [m]."""
         self._tag = _ROW * (k := place % self._claim.count)
         torque, begun, most = self._sample(k), 0.0, 0.0
         for part in self._claim.steps[place]:
@@ -602,7 +602,7 @@ class _Tube:
         return most, self._last
 
     def _is_inside(self) -> bool:
-        """Return whether a lap ends in the set in which it began, and begin the next lap in a set around this end.
+        """Return whether a lap ends in its initial set, and begin the next lap in a set around this end.
 
         Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. The end of the next lap has
         columns with the same tags; the differences are the rest. It lies in the set if B g' = rest has a solution with
@@ -629,7 +629,7 @@ class _Tube:
         return inside
 
     def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
-        """Add to the zonotope a box in the first rows, and columns."""
+        """Add a box to the first rows of the zonotope, and further columns."""
         wide = np.eye(12)[:, : len(box)] * box
         self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
         count = self._G.shape[1] - len(self._plant.column) - len(self._tags)
@@ -868,7 +868,7 @@ class _Tube:
         return free, push * _UP, after
 
     def _tip(self, t: float) -> float:
-        """Return a bound on |p(q) - p_r|, from `_TURNS` directions, with the quadratic remainder."""
+        """Return a bound on |p(q) - p_r|, from `_TURNS` directions, including the quadratic remainder."""
         q, length = [arb(x) for x in self._centre[2:4]], self._plant.length
         tip, J = _tip(q, length), _jacobian(lambda x: _tip(x, length), q)
         off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration), strict=True)]
@@ -888,7 +888,7 @@ class _Tube:
         return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
 
     def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
-        """Return by how much the tip error can exceed that at both ends: parts are within h²/8 sup |f̈| of lines.
+        """Return the excess of the tip error over its values at both ends; parts are within h²/8 sup |f̈| of lines.
 
         Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
         """

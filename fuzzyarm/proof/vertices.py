@@ -48,7 +48,7 @@ class Vertices:
     def midpoints(self) -> Self:
         """Return the vertices (A_i + A_j)/2 of the pairs, in their order.
 
-        Since Ψ_ijk is affine in A_i, M_jk, L_jk, (Ψ_ijk + Ψ_jik)/2 is Ψ there with (M_ik + M_jk)/2, (L_ik + L_jk)/2.
+        Since Ψ_ijk is affine in A_i, M_jk, L_jk, (Ψ_ijk + Ψ_jik)/2 is Ψ at them with (M_ik + M_jk)/2, (L_ik + L_jk)/2.
         """
         return dataclasses.replace(self, A=[0.5 * (self.A[i] + self.A[j]) for i, j in self.pairs])
 
@@ -68,7 +68,7 @@ class Vertices:
         return whole
 
     def error_rows(self, plant_rows: np.ndarray) -> np.ndarray:
-        """Return [Y; 0] (..., n_e, m) for Y (..., 4, m), which acts on the rows of e and not on that of ẋ_I."""
+        """Return [Y; 0] (..., n_e, m) for Y (..., 4, m), which acts on the rows of e and not on the row of ẋ_I."""
         *stack, _, columns = plant_rows.shape
         whole = np.zeros((*stack, self.n_e, columns), dtype=plant_rows.dtype)
         whole[..., PLANT, :] = plant_rows

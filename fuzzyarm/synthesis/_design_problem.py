@@ -140,7 +140,7 @@ class DesignProblem:
         alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another rate.
         L: (N, N_e, 2, 6) in the paper's form, else empty.
         inequalities: inequalities of the theorems by name; "Psi" and "Phi" are stacks (p N_e, rows, rows), k fastest.
-        floor: f, a number without unit.
+        floor: f, dimensionless.
         constraints: list of all constraints, to which more can be added.
         objective: the objective, a `cvxpy.Minimize`, which can be replaced.
         written: the objective and the constraints of the specification.
@@ -230,7 +230,7 @@ class DesignProblem:
         self.alpha = cp.Parameter(nonneg=True, name="alpha")
         self._root_c = cp.Parameter(nonneg=True, name="square root of c")
         self._fastest_pole, self._bound2 = cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
-        self._gamma2_unit = s.time / float((s.disturbance**2).max())  # in which c γ² is of order one
+        self._gamma2_unit = s.time / float((s.disturbance**2).max())  # the unit in which c γ² is of order one
         self._gamma2 = cp.Parameter(nonneg=True) if given.gamma else self._gamma2_unit * cp.Variable(nonneg=True)
         bounded = given.gain_bound is not None
         self.floor = cp.Variable() if bounded else cp.Constant(1.0)
@@ -425,7 +425,7 @@ class DesignProblem:
         options = {**CLARABEL, **options} if solver == cp.CLARABEL else options
         problem = self._problem()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of an inaccurate point: the margin decides
+            warnings.simplefilter("ignore", UserWarning)  # about an inaccurate point; the margin decides
             try:
                 program, chain, inverse = problem.get_problem_data(solver, solver_opts=options, canon_backend="SCIPY")
                 compiled = time.perf_counter()
@@ -499,7 +499,7 @@ class DesignProblem:
         return self._c * unit["Q"] * Q, self._c * unit["X"] * X, self._c * unit["tau"] * tau
 
     def _without_dust(self, name: str, variable: Any) -> np.ndarray:
-        """Return P or M in SI units; entries that are zero within the solver's accuracy are exactly zero."""
+        """Return P or M in SI units; entries that are zero within the solver's accuracy are set to zero."""
         value = variable.value
         return np.where(np.abs(value) < _DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
@@ -527,6 +527,6 @@ def _smallest_eigenvalue(matrices: np.ndarray) -> float:
 
 
 def _where_it_ended(result: Any) -> Any:
-    """Return Clarabel's result with a status for which cvxpy reads the point, regardless of the reported status."""
+    """Return Clarabel's result with a status for which cvxpy reads the point, whatever the solver reported."""
     names = ("x", "z", "s", "obj_val", "obj_val_dual", "solve_time", "iterations")
     return types.SimpleNamespace(status="AlmostSolved", **{name: getattr(result, name) for name in names})

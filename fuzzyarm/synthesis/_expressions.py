@@ -26,7 +26,7 @@ def _times(scale: Any, matrix: Any) -> Any:
 
 
 def half(lower: list[list[Any]]) -> Any:
-    """Return F, one matrix or a stack, with F + Fᵀ = `block_matrix.symmetric(lower)`: half as much to compile.
+    """Return F, one matrix or a stack, with F + Fᵀ = `block_matrix.symmetric(lower)`; there is half as much to compile.
 
     The blocks of F below the diagonal are those of `lower`, those on the diagonal are halved, and those above are 0.
     """
@@ -45,7 +45,7 @@ def half(lower: list[list[Any]]) -> Any:
             np.zeros((*stack, size, columns)) if isinstance(entry, int) else wide(entry)
             for entry, columns in zip(entries, sizes, strict=True)
         ]
-        joined: list[Any] = []  # adjacent blocks of numbers are joined
+        joined: list[Any] = []  # adjacent numerical blocks are joined
         for block in blocks:
             if joined and isinstance(block, np.ndarray) and isinstance(joined[-1], np.ndarray):
                 joined[-1] = np.concatenate([joined[-1], block], axis=axis + 1)

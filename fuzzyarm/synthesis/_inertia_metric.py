@@ -33,7 +33,7 @@ __all__ = ["Metric", "best_premise", "fitted_metric", "relative"]
 
 
 def _svec(matrix: np.ndarray) -> np.ndarray:
-    """Return the upper triangles (..., s(s + 1)/2) of matrices (..., s, s) by columns; off-diagonal numbers × √2."""
+    """Return the upper triangles (..., s(s + 1)/2) of matrices (..., s, s) by columns; off-diagonal entries × √2."""
     column, row = np.tril_indices(matrix.shape[-1])
     return matrix[..., row, column] * np.where(row == column, 1.0, math.sqrt(2.0))
 
@@ -131,7 +131,7 @@ def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray) -> float:
-    """Return the smallest value that a search finds of a function from angles (B, d) [rad] in `ranges` to (B,)."""
+    """Search for the smallest value of a function from angles (B, d) [rad] in `ranges` to (B,), and return it."""
     q = _angles_in(ranges, 3000, seed=1)
     values = function(q)
     best = np.argsort(values)[:40]
@@ -435,7 +435,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
 
 
 def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count: int) -> Premise:
-    """Return the premise of a further joint that gives the smallest (3κ - 2)(α + μ) [1/s] together with those kept.
+    """Return the premise of a further joint that gives the smallest (3κ - 2)(α + μ) [1/s] together with the kept ones.
 
     The search uses `count` samples and does not split the chain.
     """

@@ -45,7 +45,7 @@ def pi(
     """Return Π_ijk (..., rows, rows), symmetric and affine in P, M, Q, X and Θ, for numbers or cvxpy expressions.
 
     The vertices are those of the consistent form, with n = 4 or, with the integral, n = 6; i and k start at 0, and for
-    arrays of them the result is a stack, as in `theorems.error_psi`. R [1/s] and S are (s, s), P is (n, n), M_jk is
+    arrays of them the result is a stack, as in `_theorems.error_psi`. R [1/s] and S are (s, s), P is (n, n), M_jk is
     (..., 2, n), Q_ij and X_ij are (..., s n, s n), and Θ (..., m, s, s) has an entry for each of `data.uncertainties`.
     """
     one, n = identity(len(S)), data.n_e

@@ -23,7 +23,7 @@ __all__ = ["Feedback", "best_feedback", "feedback_for_gamma", "smallest_pole"]
 
 _GAMMA_SLACK = 1.001  # factor on the solver's γ, so that the inequalities hold strictly
 _STRICT = 2e-4  # relative margin of the rates, for the same reason
-_MOST = 50.0  # largest fastest pole in the search for a given γ, in smallest possible poles
+_MOST = 50.0  # largest fastest pole in the search for a given γ, relative to the smallest possible one
 _CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"max_threads": 1}
 
 
@@ -82,7 +82,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
 
 
 def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | None:
-    """Return the feedback with γ [s²] of at most `gamma` and the smallest fastest pole; None if there is none."""
+    """Return the feedback with γ <= `gamma` [s²] and the smallest bound on the fastest pole; None if none was found."""
     lowest, best = smallest_pole(kappa, rate), None
 
     def fails(pole: float) -> bool:

@@ -29,7 +29,7 @@ __all__ = ["ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "d
 _MOST_JOINTS = 7  # more would need more than one split of the chain
 
 _CONTROL_PERIOD = 1e-3  # s, for the margins by which a decay rate is chosen
-_POLE_FACTOR = 1.5  # default fastest pole, in smallest possible ones, if γ is not specified either
+_POLE_FACTOR = 1.5  # default fastest pole, relative to the smallest possible one, if γ is not specified either
 _SAMPLES = 2000
 """Number of sampled angles to which the bounds on the inertia are fitted."""
 _SEARCH_SAMPLES = 400  # sampled angles for the choice of a premise
@@ -96,7 +96,7 @@ class ScheduledDesign:
 
 
 def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> ScheduledDesign:
-    """Return a controller of a robot for a specification, proven from the numbers that it stores.
+    """Return a controller of a robot for a specification, proven from its stored values.
 
     Raises:
         DesignFailed: no provable controller was found.

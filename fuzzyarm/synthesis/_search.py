@@ -28,7 +28,7 @@ _KEPT = 8  # compiled problems
 _MANY = 4  # rules from which one infeasible vertex rules out a scale: 0.02 to 2 s instead of up to a minute
 _MOST_SEARCHED = 4  # most rules for a search for a limit with the whole model; a design with 32 takes ten seconds
 _STRICT = 0.5  # share of the arm's usual γ below which γ is relaxed before α
-_LESS = 0.25  # factor on a number of the arm that may cause the infeasibility
+_LESS = 0.25  # factor on a parameter of the arm that may cause the infeasibility
 _LOOSEST = 1e6  # γ of the consistent form in the units of an arm, far above any use
 # For each limit: its name in words, which end of the range of feasible values is sought, the format and unit of values;
 # the factor between the values that are tried, and the relative resolution of the bisection that follows.
@@ -159,7 +159,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
 
     The limits are tried in this order: fastest pole, γ if it is much stricter than `gamma_for` the arm, α, gain bound,
     γ. If a single vertex of a large model is already infeasible, only that vertex is considered, which takes seconds.
-    If a change of a single number of the arm would suffice, the message also names this number.
+    If a change of a single parameter of the arm would suffice, the message also names this parameter.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}
@@ -197,7 +197,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
 
 
 def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
-    """Return the advice to keep the default premises; "" if these do not suffice or are kept already."""
+    """Return the advice to keep the default premises; "" if they do not suffice or are already kept."""
     kept = tuple(sorted({*specification.kept, *DEFAULT_KEPT}))
     wanted = dataclasses.replace(specification, kept=kept)
     if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):
@@ -206,7 +206,7 @@ def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
 
 
 def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:
-    """Return the advice to change a single number of the arm so that there is a point; "" if no change suffices."""
+    """Return the advice to change a single parameter of the arm so that there is a point; "" if no change suffices."""
     slower = tuple(_LESS * speed for speed in arm.velocity_limit)
     heavier = tuple(inertia / _LESS for inertia in arm.motor_inertia)
     changed: dict[str, dict[str, Any]] = {

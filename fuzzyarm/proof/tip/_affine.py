@@ -2,18 +2,18 @@
 
     x = c + r (ξ, g) + β,      ξ the deviations of a zonotope,   |g_i| <= 1,   |β| <= rest.
 
-x is the float computed on the robot: each operation adds its largest rounding error to the rest. The deviation of a
-product or a function from its line becomes a new unknown g_i, so that numbers that share it stay correlated; a small
-deviation is added to the rest. A product is
+x is the float computed on the robot: each operation adds its largest rounding error to `rest`. The deviation of a
+product or a function from its linear approximation becomes a new unknown g_i, so that results that depend on g_i stay
+correlated; a small deviation is added to `rest`. A product is
 
     x y = c_x c_y + c_x δy + c_y δx + δx δy,
 
-and a function f has a line on |x - z| <= r (Taylor),
+and a function f is approximated by a line on |x - z| <= r (Taylor's theorem),
 
     f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
 
-A maximum uses the line through its ends, and `stick_slip` its own slopes, see `_stick_slip`. If several rows of a table
-are possible, all of them are followed, see `_Places`. Any other undecided choice has no bound.
+A maximum is approximated by the line through its end values; for `stick_slip` see `_stick_slip`. If several rows of a
+table are possible, the law is evaluated for each of them, see `_Places`. Any other undecided choice raises `NoBound`.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, reach
 
 __all__ = ["WORTH", "Affine", "Space"]
 
-_ROUND = 2.0**-50  # relative rounding of an operation: of the law, and of the middle and the row here
+_ROUND = 2.0**-50  # relative rounding error of an operation, in the law or on a middle or a row here
 _UP = 1.0 + 2.0**-46  # covers the rounding of a few operations on bounds
 _TINY = 1e-300  # largest loss by underflow
-WORTH = 1e-4  # share of a number above which a remainder becomes an unknown of its own
-_FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
+WORTH = 1e-4  # a remainder above this share of the number's size becomes a new unknown
+_FARTHEST = 1e3  # largest angle [rad] for which the floats of sine and cosine are trusted
 
 
 class Space:
-    """The variables of affine numbers, the deviations of a zonotope and unknowns; the recorder of a law on them."""
+    """The variables of affine numbers (zonotope deviations and unknowns), and the recorder for a law run on them."""
 
     def __init__(self, base: Zonotope) -> None:
-        self.base, self.unknowns = base, 0  # how many unknowns there are
+        self.base, self.unknowns = base, 0  # the zonotope, and the number of unknowns
         self._totals, (self._columns, self._box) = base.totals(), base.condensed()
 
     def variables(self, point: np.ndarray) -> list[Affine]:
-        """Return the numbers of the zonotope about a point."""
+        """Return point (n,) + the zonotope's deviations, as affine numbers."""
         parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
         return [Affine(self, x, row, size, 0.0, size) for x, row, size in parts]
 
@@ -60,20 +60,20 @@ class Space:
         return x if isinstance(x, Affine) else Affine(self, float(x), np.zeros(len(self._totals)), 0.0, 0.0)
 
     def rows(self, numbers: list[Affine]) -> np.ndarray:
-        """Return the rows r of several numbers, zero-padded to equal length (numbers, n)."""
+        """Return the rows r of several affine numbers as an array (numbers, n), padded with zeros."""
         rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
         for given, number in zip(rows, numbers, strict=True):
             given[: len(number.row)] = number.row
         return rows
 
     def reach(self, rows: np.ndarray) -> np.ndarray:
-        """Return bounds (m,) of |r (ξ, g)| for rows (m, n)."""
+        """Return bounds (m,) on |r (ξ, g)| for rows (m, n)."""
         n, sizes = len(self._totals), np.abs(rows)
         found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def reach_of(self, row: np.ndarray) -> float:
-        """Return the bound of `reach` for one row (n,), faster than in blocks."""
+        """Return the bound of `reach` for a single row (n,), computed without blocks, which is faster."""
         n, sizes = len(self._totals), np.abs(row)
         found = np.abs(row[:n] @ self._columns).sum() + sizes[:n] @ self._box + sizes[n:].sum()
         return float(found) * ROUND_UP
@@ -87,7 +87,7 @@ class Space:
         return range(count)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return a function of numbers by its enclosure if it has one, as `numbers.functions.apart` does."""
+        """Return function(*arguments), by its enclosure in `_ENCLOSED` if it has one; see `numbers.functions.apart`."""
         known = _ENCLOSED.get(function)
         if known is None or not any(isinstance(x, Affine) for x in arguments):
             return function(*arguments)
@@ -100,7 +100,7 @@ class Space:
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return y + sign Σ w_c G_c x, as `on_table` does, at all possible rows of the table."""
+        """Return an enclosure of y + sign Σ w_c G_c x, see `on_table`, for all possible rows of the table."""
         found = []
         for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
             at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]
@@ -111,8 +111,8 @@ class Space:
     def _weighted(self, parts: list[tuple[np.ndarray, Affine]], sign: float, x: Any, y: Any) -> list[Affine]:
         """Return y + sign Σ w_c G_c x for parts (G_c, w_c).
 
-        It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), whose nonlinear part is small, because Σ w_c hardly
-        varies.
+        It is computed as y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x); the nonlinear part of this form is small,
+        because Σ w_c hardly varies.
         """
         (first, weight), *others = parts
         sizes = np.array([self.number(one).largest() for one in x])
@@ -126,7 +126,7 @@ class Space:
         return [one.widened(left) for one, left in zip(grown, floats.tolist(), strict=True)]
 
     def _joined(self, numbers: tuple[Affine, ...]) -> Affine:
-        """Return a number that holds each of several numbers."""
+        """Return an affine number that encloses each of several affine numbers."""
         if len(numbers) == 1:
             return numbers[0]
         rows, size = self.rows(list(numbers)), max(one.size for one in numbers)
@@ -137,7 +137,7 @@ class Space:
         return joined.widened(rest, fresh=True)
 
     def _linear(self, G: np.ndarray, x: Any, y: Any) -> list[Affine]:
-        """Return G x + y, with the rounding errors of floats added in any order."""
+        """Return G x + y, including the rounding errors of float sums in any order."""
         given, before = ([self.number(one) for one in part] for part in (x, y))
         middles, sizes, rests = np.array([(one.middle, one.size, one.rest) for one in given]).T
         middle, size, rest = np.array([(one.middle, one.size, one.rest) for one in before]).T
@@ -150,7 +150,7 @@ class Space:
 
 
 class _Line(NamedTuple):
-    """A linear approximation of a function: the value at z, the slope λ, and a bound on the rest."""
+    """A linear approximation of a function: the value at z, the slope λ, and a bound on the remainder."""
 
     value: Any
     slope: float
@@ -159,19 +159,19 @@ class _Line(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Bend:
-    """A smooth function of one number, with its first two derivatives."""
+    """A smooth function of one variable, with its first two derivatives."""
 
     # value, rate, curvature: f, f' and f'' on balls
     value: Callable[[Any], Any]
     rate: Callable[[Any], Any]
     curvature: Callable[[Any], Any]
-    floats: float = 0.0  # largest error of the law's floats; as a share of |f| if `relative`
+    floats: float = 0.0  # largest error of f in the law's floats; as a share of |f| if `relative`
     relative: bool = False
-    even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
-    rising: bool = False  # f rises, and f' is even and falls with |x|
+    even: bool = False  # f is even and decreases with |x|, which gives its extreme values on a range
+    rising: bool = False  # f increases; f' is even and decreases with |x|
 
     def line(self, z: float, r: float) -> _Line:
-        """Return the line with the smallest rest for |x - z| <= r."""
+        """Return, of the known lines for |x - z| <= r, the one with the smallest remainder."""
         at, around = arb(z), arb(z, r)
         f, slope = self.value(at), self.rate(at)
         tangent = middle_of(slope)
@@ -179,7 +179,7 @@ class _Bend:
         low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
         best = _Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
         far, close = abs(z) + r, max(abs(z) - r, 0.0)
-        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
+        if self.rising:  # with λ the least f', f - λ x does not decrease: it lies between its end values
             least = low_high(self.rate(arb(far * ROUND_UP)))[0]
             first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
             best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
@@ -190,29 +190,29 @@ class _Bend:
 
 
 def _flat(values: Any, slope: float) -> _Line:
-    """Return the line of slope λ for a function whose values less λ (x - z) lie in a ball."""
+    """Return the line of slope λ for a function f, from a ball `values` that encloses f(x) - λ (x - z)."""
     middle = middle_of(values)
     return _Line(arb(middle), slope, radius_of(values, middle))
 
 
 def _sinc_rate(x: Any) -> Any:
-    """Return (cos x - sinc x)/x, at most |x|/3."""
+    """Return sinc'(x) = (cos x - sinc x)/x, at most |x|/3 in magnitude."""
     return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
 
 
 def _square(x: Any) -> Any:
-    """Return x², which is nonnegative on a ball."""
+    """Return x² on a ball, from the least and the largest |x|."""
     least, most = x.abs_lower(), x.abs_upper()
     return (least * least).union(most * most)
 
 
 def _one_by(x: Any) -> Any:
-    """Return 1/x, which decreases if x has one sign."""
+    """Return 1/x on a ball of one sign, from the values at both ends."""
     return (1 / x.lower()).union(1 / x.upper())
 
 
 def _tanh(x: Any) -> Any:
-    """Return tanh x, which is increasing."""
+    """Return tanh x on a ball, from the values at both ends."""
     return x.lower().tanh().union(x.upper().tanh())
 
 
@@ -244,19 +244,19 @@ class Affine:
     def __init__(
         self, space: Space, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
     ) -> None:
-        # c; r over the deviations and the first unknowns; a bound of |r (ξ, g)| that is quick and wide; one of |β|
+        # c; r over the deviations and the first unknowns; a quick but loose bound on |r (ξ, g)|; a bound on |β|
         self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
-        self._reach = None if reach is None else reach * _UP  # the bound that is asked for, where it is known already
-        self.parts: tuple[Any, Any] | None = None  # of a maximum that is not decided, the two numbers
+        self._reach = None if reach is None else reach * _UP  # the result of `reach`, if already known
+        self.parts: tuple[Any, Any] | None = None  # the two arguments of an undecided maximum
 
     def reach(self) -> float:
-        """Return a bound of |r (ξ, g)|."""
+        """Return a bound on |r (ξ, g)|."""
         if self._reach is None:
             self._reach = self.space.reach_of(self.row)
         return self._reach
 
     def range(self) -> tuple[float, float]:
-        """Return floats that enclose the number from both sides; `NoBound` if it is unbounded."""
+        """Return a lower and an upper float bound; `NoBound` if the number is unbounded."""
         radius = self.reach() + self.rest
         if not abs(self.middle) + radius < math.inf:
             raise NoBound("no finite bound was found for an intermediate value of the law")
@@ -265,11 +265,11 @@ class Affine:
         return self.middle - radius, self.middle + radius
 
     def largest(self) -> float:
-        """Return a bound of |x|."""
+        """Return a bound on |x|."""
         return (abs(self.middle) + self.reach() + self.rest) * _UP
 
     def widened(self, left: float, *, fresh: bool = False) -> Affine:
-        """Return the number with `left` added to |β|, or as a new unknown if it is `fresh` and large."""
+        """Return the number with a further deviation of at most `left`: in β, or a new unknown if `fresh` and large."""
         if fresh and left > WORTH * self.size:
             row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
             row[: len(self.row)], row[-1] = self.row, left
@@ -311,7 +311,7 @@ class Affine:
         rest = abs(a) * other.rest + abs(b) * self.rest
         rest += self.rest * other.rest + self.rest * other.reach() + other.rest * self.reach()
         crossed = self.reach() * other.reach() * _UP
-        if other is self:  # δx² is in [0, 1] times what it is at most
+        if other is self:  # δx² lies in [0, crossed]
             return _rounded(self, a * b + 0.5 * crossed, row, size, rest).widened(0.5 * crossed, fresh=True)
         return _rounded(self, a * b, row, size, rest).widened(crossed, fresh=True)
 
@@ -371,7 +371,7 @@ class Affine:
 
 
 def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the sum of two rows, the shorter of which ends with zeros."""
+    """Return the sum of two rows; the shorter one is padded with zeros."""
     if len(a) == len(b):
         return a + b  # type: ignore[no-any-return]
     longer, shorter = (a, b) if len(a) > len(b) else (b, a)
@@ -383,7 +383,7 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _rounded(
     of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
 ) -> Affine:
-    """Return the result of an operation, with its rounding error in the rest."""
+    """Return the result of an operation, with its rounding error added to the rest."""
     return Affine(of.space, middle, row, size * _UP, (rest + _ROUND * (abs(middle) + size)) * _UP + _TINY, reach)
 
 
@@ -392,7 +392,7 @@ def _rounded(
 
 @dataclasses.dataclass(frozen=True)
 class _Undecided:
-    """A comparison that holds at some points and not at others: `lesser` below `greater`; None for others."""
+    """A condition that is true at some points only: `lesser` below `greater`, or any other if these are None."""
 
     lesser: Any = None
     greater: Any = None
@@ -415,7 +415,7 @@ class _Undecided:
     __rand__, __ror__, __rmul__ = __and__, __or__, __mul__
 
     def select(self, first: Any, second: Any) -> Any:
-        """Return the maximum or the minimum of two numbers; `NoBound` for any other choice."""
+        """Return the choice if it is the maximum or the minimum of two numbers; `NoBound` for any other choice."""
         if self.lesser is not None and first is self.greater and second is self.lesser:
             larger = self.lesser + _positive_part(self.greater - self.lesser)
             larger.parts = first, second
@@ -426,14 +426,14 @@ class _Undecided:
         return first if first is second else bool(self)
 
     def when(self, *_: Any) -> Any:
-        """Raise `NoBound`: the branch is more than the maximum or minimum of two numbers."""
+        """Raise `NoBound`; the condition of a branch must be decided."""
         return bool(self)
 
     only = when
 
 
 def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
-    """Return whether lesser < greater, or lesser <= greater unless `strictly`; `_Undecided` where both are possible."""
+    """Return whether lesser < greater (<= unless `strictly`); `_Undecided` if both answers are possible."""
     low, high = (lesser - greater).range()
     if high < 0.0 or (high == 0.0 and not strictly):
         return True
@@ -441,7 +441,7 @@ def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
 
 
 def _level(a: Any, b: Any) -> Affine | None:
-    """Return min(max(x, a), b) as a number in [a, b] where x may be beyond both; None for any other minimum."""
+    """Return min(max(x, a), b) as a number in [a, b] if x may be below a and above b; None for any other minimum."""
     larger, most = (a, b) if isinstance(a, Affine) else (b, a)
     if isinstance(most, Affine) or larger.parts is None:
         return None
@@ -456,7 +456,7 @@ def _level(a: Any, b: Any) -> Affine | None:
 
 
 def _positive_part(x: Affine) -> Affine:
-    """Return max(x, 0) of a number that may have either sign: λ x + [0, c], by the line through its ends."""
+    """Return max(x, 0) as λ x + [0, c], from the line through its end values; x may have either sign."""
     low, high = x.range()
     slope = high / (high - low)
     most = max(-slope * low, high * (1.0 - slope)) * _UP
@@ -465,15 +465,15 @@ def _positive_part(x: Affine) -> Affine:
 
 
 class _Places:
-    """A number with one value for each of the whole numbers that a `floor` may be."""
+    """A result that depends on an undecided `floor`: one value for each whole number that is possible."""
 
     __array_ufunc__ = None
 
     def __init__(self, source: Affine, values: Iterable[Any]) -> None:
-        self.source, self.values = source, tuple(values)  # the number whose floor it is
+        self.source, self.values = source, tuple(values)  # the argument of `floor`, and the values
 
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
-        """Map the values, combined with others; `NoBound` if these depend on another floor."""
+        """Apply an operation to each value and `others`; `NoBound` if these depend on another floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
             raise NoBound("the law looks up a table at two numbers, and the tube determines the row of neither")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
@@ -493,7 +493,7 @@ class _Places:
 
     @staticmethod
     def row(_: Any, place: _Places, *_others: Any) -> Any:
-        """Raise `NoBound`: outside of `Space.interpolated` the row of a table must be decided."""
+        """Raise `NoBound`; the row of a table must be decided, except in `Space.interpolated`."""
         return bool(place)
 
     entry = row
@@ -527,13 +527,13 @@ def _bent(function: _Bend, x: Affine) -> Affine:
 def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:
     """Return v' and e of `stick_slip`.
 
-    It is v' = v + h (α ∓ f) where the motor slips to one side throughout, and v' = 0 where it comes to rest. Both are
-    continuous in (v, α, f), because friction does not part two motions, with
+    The velocity is v' = v + h (α ∓ f) if the motor slips in one direction throughout, and v' = 0 if it comes to rest.
+    v' and the angle e are continuous in (v, α, f), because friction does not drive two motions apart, with
 
         0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
         0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move;
 
-    lines of half these slopes leave half their widths. Alternatively, the friction is any torque up to f.
+    lines with half these slopes leave half these widths as remainders. Or, if narrower, f bounds an arbitrary friction.
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:
@@ -569,4 +569,4 @@ _ENCLOSED: dict[Any, Callable[..., Any]] = {
     network.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
     friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
 }
-"""The functions of laws that have an enclosure of their own."""
+"""The functions used by laws that have a separate enclosure, with that enclosure."""

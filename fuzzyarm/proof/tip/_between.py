@@ -1,4 +1,4 @@
-"""A bound of the tip error between two samples, from those at both and from accelerations.
+"""A bound on the tip error between two samples, from the bounds at both samples and on the accelerations.
 
 For e(t) = p(q(t)) - p_r(t) and t in [0, T], linear interpolation errs by at most T²/8 sup |ë|, so that
 
@@ -26,8 +26,8 @@ from fuzzyarm.proof.tip.plant import BallPlant
 
 __all__ = ["between_samples"]
 
-_PARTS = 4  # of a segment, each with balls of its own
-_CLOCK = 1e-14  # relative: largest error of a sample's instant in floats
+_PARTS = 4  # of a segment, each evaluated on separate balls
+_CLOCK = 1e-14  # largest relative error of a sample's instant in floats
 
 
 def between_samples(
@@ -38,7 +38,7 @@ def between_samples(
     tube: Sequence[Closed],
     plant: BallPlant,
 ) -> float:
-    """Return T²/8 sup |ë| [m] on a period that begins at `begin` [s] and has these segments, with their tube."""
+    """Return a bound on T²/8 sup |ë| [m] in a period that begins at `begin` [s], from its segments and their tube."""
     sizes, now = [], begin
     for segment, closed in zip(segments, tube, strict=True):
         motion, part = PeriodMotion(segment.angles, segment.duration, plant.physics), segment.duration / _PARTS
@@ -90,7 +90,7 @@ def _derivatives(path: TipPath, s: Any) -> tuple[Sequence[Any], Sequence[Any]]:
 
 
 def _on_piece(c: np.ndarray, h: Any) -> tuple[list[Any], list[Any]]:
-    """Return the first two derivatives of a piece of a spline, whose coefficients (4, 2) begin with that of h³."""
+    """Return two derivatives of a spline's piece at h, from coefficients (4, axes) that begin with that of h³."""
     columns = c.T.tolist()
     return [(3 * a * h + 2 * b) * h + d for a, b, d, _ in columns], [6 * a * h + 2 * b for a, b, _, _ in columns]
 

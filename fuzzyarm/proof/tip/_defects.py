@@ -1,6 +1,6 @@
 """The defects of the centre in the arm's equations of motion, as signals over one period.
 
-Along the centre y(t), with K, B, I_a, f_v and the links' torque R of the middle of the set,
+Along the centre y(t), with K, B, I_a, f_v and the links' torque R of the arm in the middle of the set,
 
     N = u - K φ - B φ̇ - f_v θ̇,       P = N - I_a θ̈,       d = K φ + B φ̇ - R(q, q̇, q̈, F).
 
@@ -28,11 +28,11 @@ from fuzzyarm.proof.tip.enclosures import SLACK, between, largest, low_high, mid
 
 __all__ = ["Forces", "PeriodMotion", "Signal", "TipForces", "dry_friction", "link_torque"]
 
-_ORDER = DEGREE + 1  # coefficients of a power series, without the one of its remainder
+_ORDER = DEGREE + 1  # coefficients of a power series, without that of the remainder
 
 
 def _bernstein_table(degree: int) -> Any:
-    """Return the matrix from coefficients in s in [-1, 1] to those in Bernstein's basis, one row each."""
+    """Return the matrix that converts coefficients in s in [-1, 1] to those in the Bernstein basis, one row each."""
 
     def entry(i: int, j: int) -> arb:
         # The i-th coefficient of s^j = (x - (1 - x))^j, s = 2 x - 1.
@@ -44,7 +44,7 @@ def _bernstein_table(degree: int) -> Any:
 
 
 def _shift_table() -> Any:
-    """Return the matrix that takes coefficients about 0 to those about the ball [-1, 1], one row each."""
+    """Return the matrix that converts coefficients about 0 to those about the ball [-1, 1], one row each."""
     powers = [arb(1), *[between(-1.0, 1.0)] * DEGREE]  # of s, which all lie in [-1, 1]
     return arb_mat([
         [arb(math.comb(j, i)) * powers[j - i] if j >= i else arb(0) for j in range(DEGREE + 1)]
@@ -56,7 +56,7 @@ _BERNSTEIN, _SHIFT = _bernstein_table(DEGREE + 1), _shift_table()
 
 
 class Signal:
-    """A course in time, Σ a_i s^i with balls a_i, over a period in which s goes from -1 to 1."""
+    """A function of time, Σ a_i s^i with balls a_i, over a period in which s goes from -1 to 1."""
 
     __slots__ = ("coefficients",)
 
@@ -82,25 +82,25 @@ class Signal:
         return Signal(rate * i * a for i, a in enumerate(self.coefficients[1:], 1))
 
     def at(self, s: Any) -> Any:
-        """Return the value at s = -1 or s = 1, or values that hold it on a ball of s."""
+        """Return the value at s = -1 or s = 1; for a ball s, a ball that encloses the values at all of its points."""
         return sum((a * s**i for i, a in enumerate(self.coefficients)), arb(0))
 
     def range(self) -> Any:
-        """Return the ball a_0 + [-1, 1] Σ |a_i|, which holds the signal during the whole period."""
+        """Return the ball a_0 + [-1, 1] Σ |a_i|, which encloses the signal during the whole period."""
         return self[0] + sum((largest(a) for a in self.coefficients[1:]), 0.0) * between(-1.0, 1.0)
 
     def size(self) -> float:
-        """Return a bound of |a(s)|."""
+        """Return a bound on |a(s)|."""
         return largest(self.range())
 
     def bent(self) -> float:
-        """Return a bound of |a(s) - a_0 - a_1 s|."""
+        """Return a bound on |a(s) - a_0 - a_1 s|."""
         return sum(largest(a) for a in self.coefficients[2:]) * (1.0 + 2.0**-40)
 
     def ends(self) -> tuple[float, float]:
         """Return the lowest and highest coefficient in Bernstein's basis, which enclose the range.
 
-        For a monotone signal they are its values at both ends, or near them.
+        For a monotone signal they are equal to or close to its values at both ends.
         """
         ends = [low_high(x) for x in (_BERNSTEIN * self._column(DEGREE + 2)).entries()]
         return min(low for low, _ in ends), max(high for _, high in ends)
@@ -129,9 +129,9 @@ class TipForces(NamedTuple):
     """The forces that may act at the tip during a segment."""
 
     middle: Forces  # force in the middle of the set
-    radii: Sequence[float]  # how far the force along each axis can be from it [N]
-    directions: np.ndarray  # unit vectors at right angles, one a row
-    courses: np.ndarray  # largest part of any course along each of them [N]
+    radii: Sequence[float]  # largest difference from `middle` along each axis [N]
+    directions: np.ndarray  # orthogonal unit vectors, one per row
+    courses: np.ndarray  # largest force of arbitrary course in time along each direction [N]
 
 
 class PeriodMotion:
@@ -147,19 +147,19 @@ class PeriodMotion:
 
     @functools.cached_property
     def link_ranges(self) -> list[list[Any]]:
-        """Balls that hold the angles, velocities and accelerations of both links during the whole period."""
+        """Balls that enclose the angles, velocities and accelerations of all links during the whole period."""
         return [[signal.range() for signal in kind] for kind in self.links]
 
     def at(self, s: int) -> list[Any]:
-        """Return the eight numbers of the state at s = -1 or s = 1."""
+        """Return the state (8 balls) at s = -1 or s = 1."""
         return [signal.at(s) for signal in (*self.angle, *self.velocity)]
 
     def bending(self, joint: int) -> Signal:
-        """Return φ of a joint [rad]."""
+        """Return the bending φ of a joint [rad]."""
         return self.angle[joint] - self.angle[self._joints + joint]
 
     def bending_rate(self, joint: int) -> Signal:
-        """Return φ̇ of a joint [rad/s]."""
+        """Return the bending velocity φ̇ of a joint [rad/s]."""
         return self.velocity[joint] - self.velocity[self._joints + joint]
 
     def net_torque(self, joint: int, torque: float, arm: Any) -> tuple[Signal, Signal]:
@@ -184,7 +184,7 @@ class PeriodMotion:
         return [own.stiffness * self.bending(j) + own.damping * self.bending_rate(j) - torques[j] for j, own in drives]
 
     def lever_arms(self, directions: np.ndarray, arm: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return Jᵀ d (2, 2) [m] of directions d, rows, at the middle of the period, and the largest change within."""
+        """Return Jᵀ d (2, 2) [m] for directions d (rows) at mid-period, and its largest change in the period."""
         lever, spread = np.zeros((self._joints, len(directions))), np.zeros((self._joints, len(directions)))
         middles, force = [signal[0] for signal in self.links[0]], self._physics.Point
         for axis, unit in enumerate(directions.tolist()):
@@ -210,9 +210,9 @@ def dry_friction(speed: Any, joint: int, arm: Any) -> Any:
 def link_torque(physics: Physics, motion: Sequence[Sequence[Any]], force: Sequence[Any], arm: Any) -> Any:
     """Return R = M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] of all links.
 
-    The motion holds angles [rad], velocities [rad/s] and accelerations [rad/s²], one for each joint; it and the tip
-    force [N], one for each axis or empty, are numbers of any type: balls, jets or power series. The equations are those
-    of the environment, linear in q̈ and in the constants of the arm.
+    `motion` has angles [rad], velocities [rad/s] and accelerations [rad/s²], one for each joint. The motion and the tip
+    `force` [N], one for each axis or empty, are of any number type: balls, jets or power series. The equations are
+    those of the environment, linear in q̈ and in the constants of the arm.
     """
     angles, rates, accelerations = (physics.PerJoint(*part) for part in motion)
     torques = physics.inverse_dynamics(angles, rates, accelerations, arm)

@@ -6,7 +6,7 @@ With the tube |S ξ| <= ρ during the period, the bounds of these torques are
              and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
     joints   Δk ρ_φ + Δb ρ_φ̇                                            products of uncertain constants,
     motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction`,
-    tip      the force of any course,
+    tip      the force with an arbitrary course in time,
 
 and the nonlinear parts of the uncertain constants' torques along the centre. These torques are
 
@@ -16,8 +16,8 @@ and the nonlinear parts of the uncertain constants' torques along the centre. Th
     mass, payload, force   -Δp R_p on the links.
 
 A constant keeps its value, so its column of the zonotope is driven by the signal with one fixed factor in [-1, 1].
-A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel represents the velocity, and
-that bound includes the torques of the constants (`Friction.driving`).
+A motor whose velocity is bounded separately (`Plan.MONOTONE`) has no such signal: its channel represents the velocity,
+and the bound on the velocity includes the torques of the constants (`Friction.driving`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from fuzzyarm.proof.tip.plant import BallPlant
 
 __all__ = ["Drive", "LinkRemainder"]
 
-_REFINED = 3  # how often the products of the masses are bounded again
+_REFINED = 3  # refinements of `LinkRemainder.bound` by the products of the masses
 _NO_FORCE = TipForces((), (), np.zeros((0, 0)), np.zeros(0))
 
 
@@ -57,7 +57,7 @@ class _Linearised:
     """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant, arm: Any) -> None:
-        """Take an arm with constants in balls, all or a part of the plant."""
+        """Linearise R for the constants `arm` in balls: those of the plant, or the part due to one mass."""
         self._motion, self._force, self._plant, self._arm = motion, force, plant, arm
         middles, push = [[signal[0] for signal in kind] for kind in motion.links], [part[0] for part in force.middle]
         slopes = _link_slopes(plant.physics, middles, push, arm)
@@ -66,7 +66,7 @@ class _Linearised:
         self.at = mass, angle, velocity
 
     def left_out(self, tube: np.ndarray) -> np.ndarray:
-        """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for every force."""
+        """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for all forces."""
         at, joints = self._plant.layout.rows, self._plant.physics.joints
         rows = at.link, at.d_link, at.link_acceleration
         boxes = [
@@ -86,10 +86,10 @@ class LinkRemainder:
 
     With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
 
-        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `_Linearised` leaves out of R and of R_p on the tube.
+        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: `_Linearised.left_out` for R and for R_p on the tube.
 
-    r_p ξ is a row observed like the others: opposite motions of the links cancel in it, unlike in |M_p| ρ_q̈ + |R_p,q|
-    ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two is used.
+    r_p ξ is observed like the other rows. Opposite motions of the links cancel in r_p ξ, unlike in |M_p| ρ_q̈ + |R_p,q|
+    ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two bounds is used.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
@@ -103,9 +103,9 @@ class LinkRemainder:
         )
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """Return a bound (2,) of |n| [N m] on a claimed tube ρ (18,), for the other torques w̄ (8,).
+        """Return bounds (2,) on |n| [N m] for a claimed tube ρ (18,) and the other torques w̄ (8,).
 
-        All that is observed, then the `products`, is within free (18 + n,) + push (18 + n, 8) w̄.
+        The observed rows, which end with the `products`, are within free (18 + n,) + push (18 + n, 8) w̄.
         """
         fixed = self._whole.left_out(tube)
         for one in self._masses:
@@ -121,7 +121,7 @@ class LinkRemainder:
         return np.asarray(found)
 
     def _by_link(self, torques: np.ndarray) -> np.ndarray:
-        """Return the sums (2,) over all masses of torques (2 masses,), those of each mass on all links."""
+        """Return the sum over the masses for each link (2,) of torques (2 masses,), ordered by mass, then by link."""
         return np.asarray(torques.reshape(-1, self._layout.joints).sum(axis=0))
 
 
@@ -131,8 +131,8 @@ class Drive(NamedTuple):
     # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
     level: np.ndarray
     slope: np.ndarray
-    rest: np.ndarray  # bound of the rest beside these two, for all constants together (8,)
-    motor: np.ndarray  # bound of the torques on each motor, those within the joints included (2,)
+    rest: np.ndarray  # bound on the remainder of the signals, for all constants together (8,)
+    motor: np.ndarray  # bound on the torques on each motor, including those within its joint (2,)
 
     @classmethod
     def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> Drive:
@@ -159,7 +159,7 @@ class Drive(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
-        """Return the torques of all uncertain constants, with those of the dry friction by the plans of the motors."""
+        """Return the torques of all uncertain constants, with those of dry friction according to the motors' plans."""
         drive, channels = Drive(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
@@ -171,7 +171,7 @@ class Drive(NamedTuple):
         return drive
 
     def _add(self, constant: int, channel: int, factor: arb, signal: Signal) -> None:
-        """Add the torque of a constant, a factor times a signal: linear part, rest, and size on the motor."""
+        """Add the torque of a constant, factor · signal: its linear part, its remainder, and its size on the motor."""
         torque = factor * signal
         level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope

@@ -1,9 +1,9 @@
 """The centre of the tube: polynomial motions in floats, which need not be exact.
 
 On a segment the angles are polynomials of degree 7 in s in [-1, 1], found by collocation: the accelerations are those
-of the arm at the Gauss points of s, and the angles their integrals. The defects of the polynomials in the equations
-are bounded afterwards (`defects`), and the centre's friction is the one that its motor's motion requires. A motor slips
-or rests; the period is divided where that changes.
+of the arm at the Gauss points of s, and the angles are their integrals. The defects of the polynomials in the equations
+are bounded afterwards (`_defects`), and the centre's friction is the torque that its motor's motion requires. A motor
+slips or rests; the period is divided at the changes between the two.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 DEGREE = 7  # of the polynomials of the angles
 _NODES = DEGREE - 1
 _ITERATIONS = 14  # of the collocation; each gains a digit or two
-_SAMPLES = 33  # of a segment, at which changes of mode are looked for
+_SAMPLES = 33  # of a segment, at which a change of mode is sought
 _MOST_SEGMENTS = 8  # in a period
-_SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
+_SHORTEST = 1e-6  # share of the rest of a period, within which a change of mode is ignored
 
 
 class Mode(enum.IntEnum):
@@ -36,11 +36,11 @@ class Mode(enum.IntEnum):
     BACKWARD = -1  # F(v), for a negative velocity
     FREE = 0  # a constant torque
     FORWARD = 1  # -F(v), for a positive velocity
-    REST = 2  # what holds the motor at rest
+    REST = 2  # the torque that holds the motor at rest
 
 
 class _Nodes(np.ndarray):
-    """Numbers at the nodes, whose sine and cosine are NumPy's: the centre may differ from the environment's digits."""
+    """Values at the nodes, with NumPy's sine and cosine; their last digits may differ from the environment's."""
 
     def sin(self) -> np.ndarray:
         """Return the sine."""
@@ -68,7 +68,7 @@ class Centre:
         self._arm, self._period, self._physics, self._grain = arm, period, physics, math.ulp(period)
         self._joints = physics.joints
         self._drives = motors(arm, range(self._joints))
-        self._speeds = 2 * self._joints  # where the velocities of the motors begin in a state (θ, q, θ̇, q̇)
+        self._speeds = 2 * self._joints  # index of the first motor's velocity in a state (θ, q, θ̇, q̇)
         nodes, _ = np.polynomial.legendre.leggauss(_NODES)
         vandermonde = np.linalg.inv(np.vander(nodes, _NODES, increasing=True))
         once, twice = np.zeros((_NODES + 1, _NODES)), np.zeros((DEGREE + 1, _NODES))
@@ -87,9 +87,9 @@ class Centre:
     ) -> Iterator[Segment]:
         """Yield the centre of a period, in segments on which no motor changes its mode.
 
-        The state (8,) is that at the start, the torque (2,) [N m] is held, the force (4,) [N] is that at the middle of
-        the period along each axis, and its change over it. `drags` are the constant friction torques of the motors
-        [N m]; None for the law's.
+        `state` (8,) is the initial state, `torque` (2,) [N m] is held, and `force` (4,) [N] gives the force along each
+        axis at the middle of the period, then its change over the period. `drags` are constant friction torques of the
+        motors [N m]; None: friction by the law.
         """
         begun = 0.0
         for count in range(_MOST_SEGMENTS):
@@ -99,14 +99,14 @@ class Centre:
             found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
             at, who = self._first_change(found, torque) if count < _MOST_SEGMENTS - 1 else (1.0, 0)
             if at <= _SHORTEST and state[self._speeds + who]:
-                # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
+                # A velocity that is zero up to rounding, but has the wrong sign, is set to zero.
                 state = state.copy()
                 state[self._speeds + who] = 0.0
                 continue
             if _SHORTEST < at < 1.0 - _SHORTEST:
                 part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
                 found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
-                for j in range(self._joints):  # who has come to rest rests exactly
+                for j in range(self._joints):  # a motor that has come to rest rests exactly
                     before, after = state[self._speeds + j], found.end[self._speeds + j]
                     if modes[j] in (Mode.FORWARD, Mode.BACKWARD) and abs(after) < 1e-9 and abs(after) < abs(before):
                         found.end[self._speeds + j] = 0.0
@@ -129,12 +129,12 @@ class Centre:
         return tuple(modes)
 
     def _net(self, theta: Any, q: Any, dtheta: Any, dq: Any, torque: Any, j: int) -> Any:
-        """Return N [N m] of a motor."""
+        """Return the net torque N [N m] of a motor."""
         own = self._drives[j]
         return torque - own.stiffness * (theta - q) - own.damping * (dtheta - dq) - own.viscous * dtheta
 
     def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
-        """Return the share of a segment at which a motor first changes its mode, 1 if none does, and that motor."""
+        """Return the share of a segment until a motor first changes its mode (1 if none does), and that motor."""
         s = np.linspace(-1.0, 1.0, _SAMPLES)
         first = 1.0, 0
         values = polynomial.polyval(s, found.angles.T)
@@ -152,7 +152,7 @@ class Centre:
             if not changed.size or (margin[0] <= 0.0 and changed[0] == 0):
                 continue
             k = changed[0]
-            # The margin is smooth: a cubic through four samples finds its zero far more closely than they lie.
+            # The margin is smooth: a cubic through four samples locates its zero far more finely than their spacing.
             near = slice(max(k - 1, 0), max(k - 1, 0) + 4)
             fit = np.polynomial.Polynomial.fit(s[near], margin[near], min(3, len(s[near]) - 1))
             roots = [r.real for r in fit.roots() if abs(r.imag) < 1e-9 and s[k] - 1e-9 <= r.real <= s[k + 1] + 1e-9]
@@ -163,7 +163,7 @@ class Centre:
     def _solved(
         self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, modes: tuple[Mode, ...], duration: float
     ) -> Segment:
-        """Return the segment of given modes and duration [s], under a force line over it as in `segments`."""
+        """Return the segment with given modes and duration [s]; its linear `force` (4,) is as in `segments`."""
         half = 0.5 * duration
         angle, velocity = state[: self._speeds, np.newaxis], state[self._speeds :, np.newaxis]
         start = angle + velocity * (half * (self._nodes + 1.0))
@@ -214,7 +214,7 @@ class Centre:
 
 
 def _part(force: np.ndarray, begun: float, duration: float, period: float) -> np.ndarray:
-    """Return the force line (4,) of a part of a period that begins at `begun` [s]."""
+    """Return the linear force (4,), as in `segments`, for a part of a period that begins at `begun` [s]."""
     at = (begun + 0.5 * duration) / period - 0.5
     mean, change = np.split(force, 2)
     return np.concatenate([mean + at * change, change * (duration / period)])

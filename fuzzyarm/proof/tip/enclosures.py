@@ -1,10 +1,10 @@
-"""Enclosures of numbers: balls, forward derivatives on them, and upward rounded sums of floats.
+"""Enclosures of numbers: balls, forward derivatives on balls, and sums of floats rounded upwards.
 
     x in ball(c, r)  means  |x - c| <= r.          |fl(X Y) - X Y| <= SLACK |X| |Y|   for matrices of floats.
 
-Balls are FLINT's `arb`, whose operations enclose every rounding error. Long chains of matrices are floats instead: a
-product of n terms that is computed in floats errs by at most n u/(1 - n u) times the product of the absolute values,
-u = 2^-53, in whatever order it is summed. `SLACK` = 2^-40 is that bound for 2^12 operations in a row, and more.
+Balls are FLINT's `arb`, whose operations enclose every rounding error. Long matrix products are computed in floats
+instead: the error of a product of n terms is at most n u/(1 - n u) times the product of the absolute values, u = 2^-53,
+for any order of summation. `SLACK` = 2^-40 exceeds that bound for a chain of 2^12 operations.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class NoBound(ValueError):
 
 
 def between(low: float, high: float) -> arb:
-    """Return a ball that holds [low, high]."""
+    """Return a ball that encloses [low, high]."""
     middle = 0.5 * (low + high)
     return arb(middle, (max(high - middle, middle - low)) * ROUND_UP + _TINY)
 
 
 def middle_of(x: Any) -> float:
-    """Return a float near the middle of a ball; ValueError where the ball is not finite."""
+    """Return a float near the middle of a ball; ValueError if the ball is not finite."""
     value = float(x.mid())
     if not math.isfinite(value) or not x.is_finite():
         raise ValueError("no finite enclosure was found for a number in the proof")
@@ -45,17 +45,17 @@ def middle_of(x: Any) -> float:
 
 
 def radius_of(x: Any, about: float) -> float:
-    """Return a float that is not below |x - about| for any x of the ball."""
+    """Return an upper bound on |x - about| for all points of the ball x."""
     return float((x - about).abs_upper()) * ROUND_UP + _TINY
 
 
 def largest(x: Any) -> float:
-    """Return a float that is not below |x|."""
+    """Return an upper bound on |x| for all points of the ball x."""
     return float(x.abs_upper()) * ROUND_UP + _TINY
 
 
 def low_high(x: Any) -> tuple[float, float]:
-    """Return floats that enclose a ball from both sides."""
+    """Return a lower and an upper float bound on a ball."""
     middle = middle_of(x)
     radius = radius_of(x, middle)
     return middle - radius * ROUND_UP - SLACK * abs(middle), middle + radius * ROUND_UP + SLACK * abs(middle)
@@ -64,8 +64,8 @@ def low_high(x: Any) -> tuple[float, float]:
 class Jet:
     """A value and its partial derivatives by variable; a variable without an entry has the derivative zero.
 
-    The numbers are of any type with arithmetic. Evaluated on balls, the derivatives enclose those at every point of the
-    box that the balls span, so that the mean value theorem applies to the function on it.
+    Value and derivatives are of any number type. Evaluated on balls, the derivatives enclose those at every point of
+    the box that the balls span, so that the mean value theorem applies to the function on this box.
     """
 
     __slots__ = ("slopes", "value")
@@ -75,11 +75,11 @@ class Jet:
 
     @classmethod
     def variable(cls, value: Any, index: int) -> Jet:
-        """Return the variable of an index."""
+        """Return the variable with this index, at a value."""
         return cls(value, {index: arb(1)})
 
     def slope(self, index: int) -> Any:
-        """Return the derivative by a variable."""
+        """Return the derivative with respect to a variable."""
         return self.slopes.get(index, arb(0))
 
     def _scaled(self, factor: Any) -> dict[int, Any]:

@@ -1,17 +1,17 @@
-"""Bounds of the difference between a motor's friction and the centre's, on the tube of one period.
+"""Bounds on the difference between a motor's friction and the centre's, on the tube of one period.
 
 The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
-the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Three facts are known about it:
+the friction -P (`_defects`), so the torque on the deviation is w = Γ_f + P. Three facts are known about w:
 
     v > 0     w = P - F(v);          v < 0     w = P + F(v);
     v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
 
-*Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min: so v <= max(0, v_0 + t (N_max - F_min)/I_a), and likewise below
-zero. This bound on v is independent of the tube: one sign may be ruled out although the tube contains zero.
+*Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min, so v <= max(0, v_0 + t (N_max - F_min)/I_a); v < 0 is similar.
+This bound on v is separate from the tube's: it may rule out one sign although the tube contains zero.
 
-*Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of the law's friction
-at the centre's velocity, the velocities of two solutions diverge no faster than I_a |δv|' <= |δN| + η + L |δv|, whether
-the motor sticks or slips.
+*Monotonicity.* v -> F(v) sgn v + L v increases, where L is the largest -F' on the tube. If -P is within η of the law's
+friction at the centre's velocity, the velocities of two solutions diverge no faster than
+I_a |δv|' <= |δN| + η + L |δv|, whether the motor sticks or slips.
 
 *Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
 
@@ -19,10 +19,10 @@ the motor sticks or slips.
 
     F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
 
-At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` inflections
-the remaining fall is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs,
-which `_Curve.slopes` and `_Curve.strength` add. All are coefficients of the power series of the curve itself,
-`STRIBECK.magnitude`, about balls that cover the speeds up to 2^100 inflections; an undecided ball is halved.
+At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` times the speed
+of inflection, the remaining decrease is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and
+|F - F(∞)| <= 2^-40 Γ_fs, which `_Curve.slopes` and `_Curve.strength` add. All conditions are checked on power series of
+the curve `STRIBECK.magnitude` itself, about balls that cover the speeds up to 2^100 times the inflection's.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from fuzzyarm.proof.tip.plant import BallPlant
 
 __all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve"]
 
-_FAR, _DOUBLINGS = 8.0, 100  # inflections, and how often they are doubled
-_HALVINGS = 40  # of a range of speeds
+_FAR, _DOUBLINGS = 8.0, 100  # multiple of the speed of inflection, and how often it is doubled
+_HALVINGS = 40  # of a range of speeds on which a condition is undecided
 
 
 class _Curve:
@@ -56,7 +56,7 @@ class _Curve:
         dry = DryFriction(*map(arb, getattr(arm, f"dry_friction{joint + 1}")))
         self.static, turn = dry.static_friction, middle_of(STRIBECK.inflection(dry))
         self.before, self.after = turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)  # around the inflection [rad/s]
-        self.steepest = largest(STRIBECK.steepest(dry)) * ROUND_UP  # bound of -dF/dv [N m s/rad]
+        self.steepest = largest(STRIBECK.steepest(dry)) * ROUND_UP  # bound on -dF/dv [N m s/rad]
 
     def series(self, speed: arb) -> Any:
         """Return F and its derivatives of order k divided by k!, k <= 3, on a ball of speeds."""
@@ -74,7 +74,7 @@ class _Curve:
         return weak[0] - left, strong[1] + left
 
     def slopes(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
+        """Return the lowest and the highest dF/dv [N m s/rad], which falls, then rises, in a speed range [rad/s]."""
         inside = slowest <= self.after and self.before <= fastest
         ends = (min(slowest, self.before), max(fastest, self.after)) if inside else (slowest, fastest)
         lows, highs = zip(*(low_high(self.series(arb(v))[1]) for v in ends), strict=True)
@@ -107,7 +107,7 @@ class _Curve:
 
 
 def check_curve(arm: Any, joints: int) -> None:
-    """Raise `NoBound` unless the friction of all motors is as the module says, in the caller's precision."""
+    """Raise `NoBound` unless every motor's friction curve has the module's properties, in the caller's precision."""
     for joint in range(joints):
         curve = _Curve(joint, arm)
         rest = curve.series(arb(0))
@@ -121,9 +121,9 @@ class Plan(enum.Enum):
 
     ANY = "any"  # the friction is any torque up to the static one
     HELD = "held"  # the motor rests, as the centre does
-    SLIP = "slip"  # the motor turns to the same side as the centre; the slope of F is part of the linear equation
-    MONOTONE = "monotone"  # friction parts no motions: the velocity has a bound of its own outside the linear equation
-    MIXED = "mixed"  # rest and slip to either side count, each unless it is ruled out
+    SLIP = "slip"  # the motor turns in the centre's direction; the slope of F is part of the linear equation
+    MONOTONE = "monotone"  # *Monotonicity* bounds the velocity separately, outside the linear equation
+    MIXED = "mixed"  # rest and slip in either direction are possible, each unless it is ruled out
 
 
 class Speed(NamedTuple):
@@ -139,7 +139,7 @@ class Friction:
     def __init__(
         self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
     ) -> None:
-        """Take the centre's mode and motion, the held torque [N m], the plant, and the bounds of v at the start."""
+        """Prepare the bounds; `torque` [N m] is held, and `known` bounds v at the start of the period."""
         arm, velocity, acceleration = plant.exact, motion.velocity[joint], motion.acceleration[joint]
         self.joint, self.plan, self.known = joint, plan, known
         self.share, self._curve = plant.share[joint], _Curve(joint, arm)
@@ -153,7 +153,7 @@ class Friction:
         self.static, self._steepest = low_high(self._curve.at(arb(0.0))), self._curve.steepest
         self._rests = all(a.is_zero() for a in velocity.coefficients)
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
-        self.drag = 0.0  # middle of the friction torques that are possible by the plan MIXED [N m], see `bound`
+        self.drag = 0.0  # middle of the possible friction torques under the plan MIXED [N m], set by `bound`
         self._slip: Signal | None = None
         self._missed = 0.0
         if self.side:
@@ -165,27 +165,27 @@ class Friction:
             self.slope = -middle_of(slope)
 
     def torque(self) -> Signal | None:
-        """Return the centre's friction torque, which the uncertain friction factor scales; None unless it slips."""
+        """Return the centre's friction torque, which the uncertain friction factor scales; None if not under SLIP."""
         if self.plan is not Plan.SLIP or self._slip is None:
             return None
         return -self.side * self._slip
 
     def parted(self, start: float, duration: float, torque: float) -> float:
-        """Return a bound of |δv| [rad/s] during a segment, by the plan MONOTONE.
+        """Return a bound on |δv| [rad/s] during a segment, under the plan MONOTONE.
 
         At the start of the segment, which lasts `duration` [s], |δv| <= `start` [rad/s]; |δN| + η <= `torque` [N m],
         see `driving`.
         """
-        # A centre that is not quite on the side on which it slips is compared after a shift by `aside`.
+        # If a slipping centre's velocity slightly overshoots zero, it is shifted by `aside` for the comparison.
         aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
         rate = self._steepest * self.share[1] / self._inertia
         grown = start + aside + duration * (torque / self._inertia + rate * aside)
         return grown * float(np.exp(rate * duration)) * (1.0 + SLACK) + aside
 
     def driving(self, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound of |δN| + η [N m], for the plan MONOTONE; arguments as for `bound`.
+        """Return a bound on |δN| + η [N m] for the plan MONOTONE; arguments as for `bound`.
 
-        η includes the effect of the friction factor's range, for centres that slip or rest by the law.
+        η includes the effect of the friction factor's range, for centres that slip or rest by the friction law.
         """
         static = self.static[1]
         eta = self._missed
@@ -195,16 +195,16 @@ class Friction:
         return (tube_net + eta + constants + products) * (1.0 + SLACK)
 
     def pull(self, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound of |I_a δθ̈| [N m] whatever the friction does; arguments as for `bound`."""
+        """Return a bound on |I_a δθ̈| [N m] for any friction up to the static one; arguments as for `bound`."""
         static = self.static[1]
         return (tube_net + self._needed_size + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound of |w| [N m], without the signal of `torque`; `PlanFails` if the tube contradicts the plan.
+        """Return a bound on |w| [N m], without the signal of `torque`; `PlanFails` if the tube contradicts the plan.
 
         The tube has the radii `tube_speed` of v [rad/s] and `tube_net` of N [N m]. `constants` bounds the torques [N m]
-        of the uncertain constants on this motor along the centre, `products` those of the constants times the
-        deviation.
+        of the uncertain constants on this motor along the centre, `products` the torques from the products of these
+        constants with the deviation.
         """
         low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:
@@ -256,7 +256,7 @@ class Friction:
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
-        """Return the least v̇ where v < 0 and the largest v̇ where v > 0 [rad/s²], for N within `spread` [N m]."""
+        """Return the least v̇ for v < 0, the largest for v > 0 [rad/s²]; N is within `spread` [N m] of the centre's."""
         net_low, net_high = low_high(self._net)
         backward = self.share[0] * self._curve.strength(0.0, max(-low, 0.0))[0]
         forward = self.share[0] * self._curve.strength(0.0, max(high, 0.0))[0]
@@ -267,14 +267,14 @@ class Friction:
         )
 
     def _during(self, low: float, high: float, spread: float) -> Speed:
-        """Return bounds of v during the segment, where the tube has it in [low, high], for N within `spread` [N m]."""
+        """Return bounds on v during the segment, from its range [low, high] in the tube; `spread` as for `_rates`."""
         falling, rising = self._rates(low, high, spread)
         least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
         most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
         return Speed(max(low, least), min(high, most))
 
     def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
-        """Return bounds of v at the end of the segment, where the tube has it in the range `end` [rad/s]."""
+        """Return bounds on v at the end of the segment, from its range `end` [rad/s] in the tube."""
         if self.plan is Plan.ANY:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:

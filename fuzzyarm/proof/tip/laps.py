@@ -1,10 +1,10 @@
-"""The sets of states in which a lap begins: a box about the environment's start, and sets that hold the ends of laps.
+"""Sets of initial states of a lap: a box about the environment's start, and sets that contain the ends of laps.
 
     x = c + C π + G g,      |g_i| <= 1,      π: the factors of the uncertain constants, the same in every lap.
 
-x are the numbers of the tube: θ, q, θ̇, q̇, those of the policy's memory and, where torques act late, the torque that
-acts next. The tube may begin with such a set in place of one state. If its end after a lap lies in the set in which the
-next one begins, the bounds of both laps hold one after the other; if it lies in its own, they hold in every later lap.
+x is the state of the tube: θ, q, θ̇, q̇, the policy's memory and, if torques act late, the torque that acts next. The
+tube may begin with such a set instead of a single state. If a lap ends within the set in which the next lap begins, the
+bounds of both laps hold in succession; if it ends within its own initial set, they hold in every later lap.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope, merged, reach
 
 __all__ = ["LapSet", "StartBox"]
 
-_Width = float | tuple[float, ...]  # of all joints, or of each
+_Width = float | tuple[float, ...]  # one number for all joints, or one for each
 _UNITS = {"angle": "rad", "bending": "rad", "velocity": "rad/s", "bending_velocity": "rad/s"}
-_WIDEST = 1e3  # half a width, in its unit
-_KEPT = 1500  # columns of the end of a lap that stay apart in the set around it
-_NARROW = 1e-6  # totals below which none does: such a set is far below any bound of interest
-_ROOM, _WIDE_ROOM = 1.005, 1.5  # by which that set is larger, with columns that stay apart and without
-_LEAST = 1e-11, 1e-11, 1e-10, 1e-10  # reach of it in θ, q [rad], θ̇ and q̇ [rad/s]; of other numbers see `around`
-_ALIKE = 0.9  # cosine of columns from which one is taken as a multiple of the other
+_WIDEST = 1e3  # largest half width, in its unit
+_KEPT = 1500  # columns of the end of a lap that remain separate in the set around it
+_NARROW = 1e-6  # totals below which no column remains separate; such a set is far below any bound of interest
+_ROOM, _WIDE_ROOM = 1.005, 1.5  # factors that enlarge this set, with and without separate columns
+_LEAST = 1e-11, 1e-11, 1e-10, 1e-10  # least added reach in θ, q [rad], θ̇ and q̇ [rad/s]; for the others see `around`
+_ALIKE = 0.9  # share of a column's norm that a multiple of another must remove, for the multiple to be used
 
 
 @dataclasses.dataclass(frozen=True)
 class StartBox:
-    """Half the widths of a box of starts about the environment's own; one number, or one for each joint."""
+    """Half the widths of a box of initial states about the environment's; one number, or one for each joint."""
 
     angle: _Width = 0.0  # of the motors, with the bending fixed [rad]
     bending: _Width = 0.0  # of the joints, θ - q [rad]
-    velocity: _Width = 0.0  # of the motors, with the bending's fixed [rad/s]
+    velocity: _Width = 0.0  # of the motors, with the bending velocity fixed [rad/s]
     bending_velocity: _Width = 0.0  # of the joints, θ̇ - q̇ [rad/s]
-    memory: float | tuple[float, ...] = 0.0  # of what the policy remembers, in its units; one number, or one for each
+    memory: float | tuple[float, ...] = 0.0  # of the policy's memory, in its units; one number, or one for each entry
 
     def __post_init__(self) -> None:
         for name in (*_UNITS, "memory"):
@@ -57,7 +57,7 @@ class StartBox:
 
     @classmethod
     def of(cls, words: Sequence[str]) -> StartBox:
-        """Return the box of a TOML or JSON file of the fields, or of one number for each."""
+        """Return the box from the name of a TOML or JSON file of the fields, or from one number for each field."""
         if len(words) == len(dataclasses.fields(cls)):
             try:
                 return cls(*map(float, words))
@@ -104,19 +104,19 @@ class StartBox:
 
 
 class LapSet(NamedTuple):
-    """A set in which a lap begins, of `numbers` numbers x."""
+    """A set of states x, each with `numbers` entries, in which a lap begins."""
 
     centre: np.ndarray  # c of θ, q, θ̇, q̇ (8,)
     memory: np.ndarray  # c of the policy's memory (m,)
-    waiting: np.ndarray  # c of the torque that acts next (2,) [N m]; (0,) where none acts late
+    waiting: np.ndarray  # c of the torque that acts next (2,) [N m]; (0,) if torques do not act late
     constants: np.ndarray  # C (numbers, constants)
     columns: np.ndarray  # G (numbers, n); the last `numbers` of them are linearly independent
 
     @classmethod
     def around(cls, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> LapSet:
-        """Return a set that is larger than the end of a lap: `point` c, (8,), (m,), (0 or 2,), and deviations from it.
+        """Return a set that contains the end of a lap: the `point` c, (8,), (m,), (0 or 2,), plus deviations.
 
-        Its columns are the largest ones of the deviations, and a parallelepiped that holds all others.
+        Its columns are the largest columns of the deviations, and a parallelepiped that encloses all others.
         """
         constants, others = _parted(deviations)
         totals = deviations.totals()
@@ -131,7 +131,7 @@ class LapSet(NamedTuple):
         return cls(*point, constants, np.hstack([room * kept, block]))
 
     def deviations(self) -> Zonotope:
-        """Return C π + G g as a zonotope; its columns come from no source but the start."""
+        """Return C π + G g as a zonotope; the source of the columns G is the start of the lap."""
         numbers, constants = self.constants.shape
         made = Zonotope(numbers, constants)
         made.columns = np.hstack([self.constants, self.columns])
@@ -139,11 +139,11 @@ class LapSet(NamedTuple):
         return made
 
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
-        """Return the largest |g_i| that the end of a lap needs in this set: it lies inside if that is at most 1.
+        """Return a bound on the |g_i| that the end of a lap needs in this set; at most 1 means that it lies inside.
 
-        Its point is (8,), (m,), (0 or 2,), as in `around`.
+        The end is given by `point`, (8,), (m,), (0 or 2,), and deviations, as in `around`.
 
-        With G = [G', B] and the columns Y of c⁺ - c, C⁺ - C and of the end's own, g' = Γ' y for any Γ', and
+        With G = [G', B] and the columns Y of c⁺ - c, C⁺ - C and of the end itself, g' = Γ' y for any Γ', and
         B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|),
         x = B g''.
         """
@@ -176,9 +176,9 @@ def _parted(deviations: Zonotope) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shared(kept: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `kept` (numbers, k), factors (k,) of at most 1, and what is left of columns (numbers, n).
+    """Return `kept` (numbers, k), factors (k,) within ±1, and the remainders of `columns` (numbers, n).
 
-    Each of `columns` that is nearly a multiple of one of `kept` is taken as that multiple, once for each of `kept`.
+    Where one of `columns` is nearly a multiple of a kept column, at most one for each, the multiple is subtracted.
     """
     if not kept.shape[1] or not columns.shape[1]:
         return kept, np.zeros(kept.shape[1]), columns

@@ -1,14 +1,14 @@
-"""One period of the tube: a fixed point of the remainders and the tube that contains them.
+"""One period of the tube: a claimed tube, and the proof that the deviation does not leave it.
 
-For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the deviation stays within
+For a claimed tube ρ the remainders are bounded by w̄(ρ). Under remainders within these bounds, the deviation is within
 
     ρ'(ρ) = max(|S ξ_h(0)|, |S ξ_h(T)|) + T²/8 sup |S ξ̈_h| + push w̄(ρ),
 
-where ξ_h is the effect of start, held torque and uncertain constants alone. If ρ'(ρ) < ρ in every row, the deviation
-never leaves ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within
-ρ' there, and it is continuous. The accelerations and the products of masses are not part of the state; together they
-obey a <= G(a), where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise
-λ = max a/ρ > 1 had a <= G(λ ρ) <= λ G(ρ) < λ ρ.
+where ξ_h is the effect of the initial state, the held torque and the uncertain constants alone. If ρ'(ρ) < ρ in every
+row, the deviation never leaves ρ during the period: up to a first exit the bounds would hold, so the deviation, which
+is continuous, would be within ρ' < ρ there. The accelerations and the products of masses are not part of the state.
+Together they obey a <= G(a), where G is a minimum of functions r + Q a with r, Q >= 0. Then G(ρ) < ρ implies a <= ρ;
+otherwise λ = max a/ρ > 1 would give a <= G(λ ρ) <= λ G(ρ) < λ ρ, a contradiction.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, product
 __all__ = ["Closed", "Period", "TubeClaim"]
 
 _MOST_ROUNDS = 60
-_MOST_DRIVEN = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
-_LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
+_MOST_DRIVEN = 0.15  # largest torque on a velocity under the plan MONOTONE, relative to the static friction
+_LARGEST = 0.5  # of the tube's angles [rad]; no iteration has ever closed beyond it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,22 +43,22 @@ class Closed:
     torques: np.ndarray  # w̄ (8,) in the order of `Layout.channels` [N m; N]
     solution: Transition  # of the linear equation
     drive: Drive  # of the uncertain constants
-    columns: np.ndarray  # (8, n) of the zonotope at the end without the torques w̄; those of the constants first
-    known: tuple[Speed, ...]  # of the motors' velocities at the end
-    plans: tuple[Plan, ...]  # by which the frictions were bounded
+    columns: np.ndarray  # (8, n) of the zonotope at the end, without the torques w̄; the constants' columns first
+    known: tuple[Speed, ...]  # bounds on the motors' velocities at the end
+    plans: tuple[Plan, ...]  # the plan that bounds each motor's friction
     # middle of the friction torques of motors with the plan MIXED [N m], None for others
     drags: tuple[float | None, ...]
 
 
 class TubeClaim(NamedTuple):
-    """The claim of a file for a segment: its tube (18,), and the plans of the frictions."""
+    """A file's claim for one segment: the tube (18,), and the plan for each motor's friction."""
 
     tube: np.ndarray
     plans: tuple[Plan, ...]
 
 
 class Period:
-    """A period or a part of one, with the enclosures that close its tube."""
+    """A period or a part of one, with the enclosures needed to close its tube."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
         force, period = tip.middle, centre.duration
@@ -89,7 +89,7 @@ class Period:
             raise NoBound(str(failed)) from None
 
     def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
-        """Return the closed period for the zonotope of ξ at its start; `NoBound` if there is none."""
+        """Search for a tube from the zonotope of ξ at the start; return the closed period, else raise `NoBound`."""
         plans = [self._plan(joint, start, speed, friction) for joint, speed in enumerate(known)]
         for _ in range(3 * len(plans) + 1):
             try:
@@ -119,7 +119,7 @@ class Period:
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
         driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[self._rows.d_theta]
-        if claimed is None and Plan.MONOTONE in plans:  # no tube is below this, as it holds the start
+        if claimed is None and Plan.MONOTONE in plans:  # a lower bound on any tube, because it contains the start
             motors = zip(frictions, before, start.size(system.S[self._rows.net]), driven.motor, strict=True)
             least = [f.parted(v, self._period, f.driving(net, constants, 0.0)) for f, v, net, constants in motors]
             self._check_monotone(np.array(least), before, frictions)
@@ -130,7 +130,7 @@ class Period:
             torques = self._torques(tube, frictions, driven, before, (free, solution.push))
             reached = ((free + solution.push @ torques) * ROUND_UP)[: self._layout.row_count]
             for j, (friction, *torque) in enumerate(zip(frictions, *self._on_motors(tube, driven), strict=True)):
-                if friction.plan is Plan.MONOTONE:  # its velocity is no state, so that its acceleration is given
+                if friction.plan is Plan.MONOTONE:  # its velocity is not a state; its acceleration is bounded here
                     pull = friction.pull(float(tube[self._rows.net][j]), *torque) / self._drives[j].motor_inertia
                     reached[self._rows.motor_acceleration.start + j] = pull * ROUND_UP
             if (reached < tube).all():
@@ -150,16 +150,16 @@ class Period:
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
-        """Return two bounds (2,) [N m] of the uncertain constants' torques on each motor, for a claimed tube.
+        """Return two bounds (2,) [N m] on the uncertain constants' torques on each motor, for a claimed tube.
 
-        The first is of their torques along the centre and of the products within the joint; the second is of the
-        products of the motor's own inertia and viscosity with the deviation.
+        The first covers the torques along the centre and the products within the joint; the second covers the
+        products of the motor's own uncertain inertia and viscosity with the deviation.
         """
         within = sum(half * tube[rows] for half, rows in self._within)
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
-        """Return the friction of a motor by a plan, from a cache."""
+        """Return the cached friction of a motor under a plan."""
         key = joint, plan, known
         if key not in self._frictions:
             mode, torque = self._centre.modes[joint], float(self._torque[joint])
@@ -167,7 +167,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Raise `PlanFails` if a plan MONOTONE bounds a velocity hardly better than the friction itself."""
+        """Raise `PlanFails` if the torque on a velocity under the plan MONOTONE exceeds `_MOST_DRIVEN`."""
         for j, (friction, own) in enumerate(zip(frictions, self._drives, strict=True)):
             pulled = (after[j] - before[j]) * own.motor_inertia
             if (
@@ -179,7 +179,7 @@ class Period:
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns (8, n) at the end, and the bound (18 + n,) of |S ξ_h| during the period."""
+        """Return the columns (8, n) at the end, and bounds (18 + n,) on |S ξ_h| during the period."""
         S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
         constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
@@ -187,12 +187,12 @@ class Period:
         whole = Zonotope(len(columns), constants)
         whole.columns, whole.box = columns, solution.growth @ (start.box + SLACK * totals)
         end = whole.part(slice(None))
-        own, others = np.diag(S)[states], slice(states.stop, None)  # a state is observed by itself, see `linear`
+        own, others = np.diag(S)[states], slice(states.stop, None)  # S is diagonal on the states, see `Linear.of`
         first = start.size(S[others], D[others] @ (driven.level - driven.slope))
         last = end.size(S[others], D[others] @ (driven.level + driven.slope))
         ends = np.maximum([*(own * totals[states]), *first], [*(own * end.totals()[states]), *last])
-        # ξ̈ = e^{A t} g with g = A² ξ(0) + A b a(0) + b ȧ, because a is linear in time; S is one on the states, and
-        # the held torque has no acceleration.
+        # ξ̈ = e^{A t} g with g = A² ξ(0) + A b a(0) + b ȧ, because a is linear in time; S is the identity on the
+        # states, and the held torque is constant.
         kick = b @ driven.slope * (2.0 / self._period)
         turn = system.A @ (b @ (driven.level - driven.slope)) + kick
         bend = start.size(solution.S_A_A, S @ turn)
@@ -201,7 +201,7 @@ class Period:
         turned[states] += bend[states]
         grown = self._period * (np.abs(solution.S_A) + SLACK * np.abs(S) @ system.size) @ solution.growth @ turned
         sizes = np.abs(S) @ (system.size @ np.abs(b) @ (np.abs(driven.level) + np.abs(driven.slope)) + np.abs(kick))
-        # Rounding of the products of matrices themselves, whose terms may cancel.
+        # Rounding errors of the matrix products themselves, in which terms may cancel.
         second = bend + grown + 4.0 * SLACK * (sizes.sum(axis=1) + sized @ (system.size @ totals))
         slack_of_rows = SLACK * (system.size_of_rows @ (totals + end.totals()))
         free = ends + self._period**2 / 8.0 * second + slack_of_rows
@@ -215,7 +215,7 @@ class Period:
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return w̄ (8,) for a claimed tube; every observed number lies within free + push w̄, the pair `observed`."""
+        """Return w̄ (8,) for a claimed tube; `observed` = (free, push) bounds the observed rows by free + push w̄."""
         torques = driven.rest.copy()
         torques[self._channels.link] += self._defect
         torques[self._channels.link] += self._lever_spread @ self._tip.courses
@@ -225,13 +225,13 @@ class Period:
             channel, net = self._channels.motor.start + j, tube[self._rows.net][j]
             if friction.plan is Plan.MONOTONE:
                 torques[channel] = friction.parted(before[j], self._period, friction.driving(net, *torque))
-            else:  # the products within the joint have a channel of their own; a motor that sticks feels them, too
+            else:  # products within the joint have their own channel, but also act on a motor that sticks
                 torques[channel] += friction.bound(tube[self._rows.d_theta][j], net, *torque)
         torques[self._channels.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
-        """Return bounds of the motors' velocities at the end."""
+        """Return bounds on the motors' velocities at the end."""
         found, ends = list[Speed](), self.motion.at(1)[self._rows.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)

@@ -2,12 +2,11 @@
 
 *Set.* A set defines the factors by which the arm's constants may differ from Table 1, and other disturbances. Every
 factor is constant during the motion and independent of the others; the factor of a mass also scales the inertia of its
-link, as in `DomainRandomisation`. A factor has one range for both joints, or one for each. Three things may vary with
-time,
-in any measurable way: the friction torque of a set with ``any`` friction, the tip force within `force_swing` and
-`force_course`, and at every sample the encoder errors within `noise`.
+link, as in `DomainRandomisation`. A factor has one range for both joints, or one for each. Three quantities may vary
+with time, in any measurable way: the friction torque of a set with ``any`` friction, the tip force within `force_swing`
+and `force_course`, and at every sample the encoder errors within `noise`.
 
-*Arms.* The arms are the one in the middle of the set, plus a term for each uncertain constant:
+*Arms.* An arm of the set is the arm in its middle, plus a term for each uncertain constant:
 
     p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
 
@@ -44,9 +43,9 @@ __all__ = [
 _Range = tuple[float, float]
 _Factor = tuple[float | _Range, float | _Range]  # a range (low, high) for both joints, or a pair, one for each
 BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
-"""The factors of which each joint has its own."""
+"""The factors with a separate value for each joint."""
 RANGES = (*BY_JOINT, "force", "payload")  # all ranges of a set
-Axis = tuple[str, int]  # a field of `RANGES` and a joint; 0 where the range is not by joint
+Axis = tuple[str, int]  # a name of `RANGES` and the index of a joint; 0 if the range is not by joint
 AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
 """All ranges of a set, joint by joint."""
 
@@ -72,11 +71,11 @@ class PlantSet:
     force: _Range = (1.0, 1.0)  # factor of the case's tip force
     # ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static
     friction: Literal["law", "any"] = "law"
-    # largest share of the case's tip force by which its factor may vary, in any course in time
+    # largest additional change of the factor of the case's tip force, with any course in time
     force_swing: float = 0.0
     force_course: float = 0.0  # largest component along each axis of a further tip force, of any course in time [N]
     noise: _Range = (0.0, 0.0)  # largest error of a measured motor angle [rad] and velocity [rad/s]
-    # whole control periods by which every torque acts late; until the first acts, it is held from the start
+    # whole control periods by which every torque acts late; the first torque also acts during this delay
     late: int = 0
 
     def __post_init__(self) -> None:
@@ -92,7 +91,7 @@ class PlantSet:
             raise ValueError(str(error)) from None
 
     def of_joint(self, name: str, joint: int) -> _Range:
-        """Return the range of a factor of `BY_JOINT` for a joint; any other range as it is."""
+        """Return the range `name` for a joint; a range that is not by joint is the same for all joints."""
         given: Any = getattr(self, name)
         return given[joint] if isinstance(given[0], tuple) else given  # type: ignore[no-any-return]
 
@@ -199,7 +198,7 @@ def check_set_name(name: str, plants: PlantSet) -> None:
 
 
 def exactly(value: float) -> str:
-    """Return the shortest decimal that is exactly a float."""
+    """Return a short decimal that is read back as exactly this float."""
     short = f"{value:g}"
     return short if float(short) == value else repr(value)
 
@@ -218,7 +217,7 @@ def find_set(name: str | Path) -> PlantSet:
         raise ValueError(f"{path}: {error}") from None
 
 
-_ROUNDED = 2.0**-46  # relative: the environment computes the constants of the links in floats
+_ROUNDED = 2.0**-46  # relative error of the links' constants, which the environment computes in floats
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,7 +225,7 @@ class _Parameter:
     """An uncertain constant: p_0 ± `half`."""
 
     kind: str  # "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction"
-    joint: int  # whose constant it is; 0 for the payload and the force
+    joint: int  # index of the joint that has this constant; 0 for the payload and the force
     half: float  # half the width of its range, in its unit; relative to the middle for dry friction and the force
     arm: Any = None  # constants ∂c/∂p times `half`, for a mass or the payload
 
@@ -237,14 +236,14 @@ class BallPlant:
 
     physics: Physics  # the equations of the arms
     middle: Any  # constants in floats, of the arm in the middle
-    exact: Any  # the same in balls that hold the exact constants of that arm
-    parameters: tuple[_Parameter, ...]  # what is uncertain
+    exact: Any  # balls that enclose the exact constants of that arm
+    parameters: tuple[_Parameter, ...]  # the uncertain constants
     # lowest and highest factor of the dry friction of each motor, relative to the middle
     share: tuple[tuple[float, float], ...]
 
     @property
     def layout(self) -> Layout:
-        """The places of the numbers of these arms."""
+        """The index ranges of these arms' vectors."""
         return layout(self.physics.joints, self.physics.axes)
 
     @classmethod
@@ -280,7 +279,7 @@ class BallPlant:
         return cls(physics, floats, exact, (*uncertain, *masses), share)
 
     def half(self, kind: str) -> list[float]:
-        """Return half the width of a constant's range by joint, 0 where it is certain."""
+        """Return half the width of a constant's range for each joint; 0 if the constant is certain."""
         widths = [0.0] * self.physics.joints
         for parameter in self.parameters:
             if parameter.kind == kind:
@@ -289,7 +288,7 @@ class BallPlant:
 
 
 def _factors(physics: Physics, by_name: dict[str, list[Any]]) -> Any:
-    """Return factors of `BY_JOINT` by joint as a draw that `Physics.varied` takes."""
+    """Return the factors of `BY_JOINT`, one for each joint, in the form of the draw that `Physics.varied` expects."""
     return SimpleNamespace(**{name: physics.PerJoint(*values) for name, values in by_name.items()})
 
 
@@ -309,7 +308,7 @@ def _in_balls(plant: Any) -> Any:
 
 
 def _mass_units(physics: Physics, plant: Any, plants: PlantSet, disturbance: Disturbance) -> Iterator[_Parameter]:
-    """Yield the masses, payload and tip force that are uncertain, with the constants ∂c/∂p times half their range."""
+    """Yield the uncertain masses, payload and tip force, each with its constants ∂c/∂p times half its range."""
     joints = range(physics.joints)
 
     def weighing(share: list[Any], tip: Any) -> Any:

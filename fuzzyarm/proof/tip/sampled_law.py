@@ -1,11 +1,11 @@
 """The torque and memory of a policy after a sample, for all states of a zonotope at once.
 
-    (u, m⁺) = law(θ, θ̇, m; r_k),      m: the numbers that the policy carries from one sample to the next.
+    (u, m⁺) = law(θ, θ̇, m; r_k),      m: the values that the policy carries from one sample to the next.
 
-The law is the policy's own, run on affine numbers. Its arguments are deviations of (θ, θ̇, m) from a point, a zonotope;
-its results are deviations of (u, m⁺) from another point, over the same columns and new ones, so that the correlation
-of torque and memory is kept. The part of the memory that depends on the reference alone is not in m: it is the same in
-every run, and is kept as floats.
+The policy's own law is run on affine numbers. Its arguments are a point plus a zonotope of deviations of (θ, θ̇, m); its
+results are another point plus deviations of (u, m⁺), over the same columns and new ones, so torque and memory stay
+correlated. The part of the memory that depends only on the reference is not in m. It is the same in every run, and is
+stored as floats.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
 
 __all__ = ["Response", "SampledLaw"]
 
-_WORTH_A_COLUMN = 1e-3  # share of a number from which an unknown keeps its column
-_MOST_UNKNOWNS = 6  # unknowns for each number, beyond which they are merged
+_WORTH_A_COLUMN = 1e-3  # an unknown above this share of a result's size keeps its column
+_MOST_UNKNOWNS = 6  # unknowns for each result, beyond which they are merged
 _RUNS = 6  # runs that show which parts of the memory depend on the measurements
 
 _UNKNOWN: dict[type[Policy], str] = {
@@ -37,14 +37,14 @@ _UNKNOWN: dict[type[Policy], str] = {
     LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance in its "
     "memory and branches on it, which is undecided on a tube, and the gates of its network multiply their memory",
 }
-"""The reason why there is no bound, by the class of policies that derive from one with a bound."""
+"""The reason why there is no bound, by policy class, for classes that derive from a class with a bound."""
 
 
 class Response(NamedTuple):
     """The set of (u, m⁺) after a sample: x - middle = columns g + β, |g_i| <= 1, |β| <= box."""
 
     middle: np.ndarray  # (2 + m,) torques [N m] and the memory
-    columns: np.ndarray  # (2 + m, n); the first are those of the deviations that the law was given
+    columns: np.ndarray  # (2 + m, n); the first belong to the columns of the law's arguments
     box: np.ndarray  # (2 + m,)
 
 
@@ -52,7 +52,7 @@ class SampledLaw:
     """The law of a policy, sample by sample."""
 
     def __init__(self, policy: Policy, references: np.ndarray) -> None:
-        """Take a policy and the references (samples, 3 n) of its observations; `NoBound` if it has no enclosure."""
+        """Prepare a policy's law for the references (samples, 3 n); `NoBound` if the law has no enclosure."""
         if type(policy) in _UNKNOWN:
             raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has a bound")
         law = law_of(policy)
@@ -62,8 +62,9 @@ class SampledLaw:
                 "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
             )
         self._law, self._references, self._joints = law, references, policy.joints
-        self._measured = 2 * policy.joints  # numbers of θ, θ̇, which come before those of the memory
-        # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
+        self._measured = 2 * policy.joints  # length of (θ, θ̇), which precedes the memory
+        # Some runs with different measurements: entries of the memory that differ depend on measurements. `_answer`
+        # checks that all others equal those recorded here.
         asked = np.repeat(references[:, np.newaxis], _RUNS, axis=1)
         apart = 0.1 ** np.arange(_RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(
             size=(len(asked), 1, self._measured)
@@ -74,14 +75,14 @@ class SampledLaw:
             held.append(memory.copy())
             policy.act(observation, memory, torque)
         self._held = np.array([*held, memory])
-        # Where the numbers that it remembers of what is measured lie in the policy's memory, and how many there are.
+        # Indices of the entries of the policy's memory that depend on measurements, and their count.
         self.remembered = np.flatnonzero((self._held != self._held[:, :1]).any(axis=(0, 1)))
         self.memory = len(self.remembered)
 
     def repeats(self, steps: int) -> bool:
-        """Return whether all laps of `steps` samples after the first are alike: the third begins like the second.
+        """Return whether all laps of `steps` samples after the first are alike.
 
-        What the law remembers of the references alone, and the references themselves, are those of the lap before.
+        They are if the third begins with the memory of references that the second began with.
         """
         second, third = (np.delete(self._held[lap * steps, 0], self.remembered) for lap in (1, 2))
         return bool((second == third).all())
@@ -89,8 +90,8 @@ class SampledLaw:
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
         """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): measured θ, θ̇, memory.
 
-        At the first sample the memory is zero. `NoBound` if a choice of the law is undecided on these numbers or an
-        operation has no enclosure; ValueError where an enclosure is not finite.
+        At the first sample the memory is zero. `NoBound` if a choice of the law is undecided on this set or an
+        operation has no enclosure; ValueError if an enclosure is not finite.
         """
         space = Space(seen)
         RECORDERS.append(space)
@@ -123,7 +124,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return numbers over the columns of the zonotope, columns of their unknowns, and columns or a box of the rests."""
+    """Return the response: columns of the zonotope, columns of the unknowns, and a column or box part for each rest."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]
@@ -138,6 +139,6 @@ def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
     rest *= ROUND_UP
     if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
         raise NoBound("no finite enclosure was found for the law's torque or memory")
-    beside = rest > WORTH * total  # worth columns; the rest of the others is a box
+    beside = rest > WORTH * total  # these rests become columns, the others a box
     columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
     return Response(middle, columns, np.where(beside, 0.0, rest))

@@ -1,10 +1,10 @@
-"""The linear equation of the deviation in one period, its solution and its bounds, in floats with an allowance.
+"""The linear equation of the deviation in one period, its solution and bounds, in floats with a rounding allowance.
 
     ξ = (δθ, δq, δθ̇, δq̇, δu),      ξ̇ = A ξ + Σ b_c w_c(t),      δu constant,      observed: S ξ + D w.
 
-Every matrix X is a float matrix with |X - X_exact| <= SLACK |X|', where X' is the same expression with the absolute
+Every matrix X is a float matrix with |X - X_exact| <= SLACK |X|', where |X|' is the same expression with the absolute
 value of each factor: |A|' for A, E = exp(|A|' T) for exp(A t), t <= T, and so on (`enclosures`). The series of the
-exponential is cut after `_TERMS` terms X_i. The rest is at most X E for the last of them, X, which `over` checks.
+exponential is cut after `_TERMS` terms. The remainder is at most X E, X the last term, which `over` checks to be small.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from fuzzyarm.proof.tip.enclosures import SLACK, NoBound
 __all__ = ["Layout", "Linear", "Transition", "layout"]
 
 _TERMS = 24
-_PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
+_PARTS = 2  # of a period; in each, the first two moments of a disturbance are kept
 
 
 class Layout:
-    """The places of the numbers of an arm with n joints, whose tip moves in 2 or 3 axes; sizes below are for n = 2."""
+    """The index ranges of vectors of an arm with n joints and 2 or 3 tip axes; sizes in this module are for n = 2."""
 
     def __init__(self, joints: int, axes: int) -> None:
         def slices(names: str) -> SimpleNamespace:
@@ -34,10 +34,10 @@ class Layout:
         self.joints, self.axes = joints, axes
         # rows of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈
         self.rows = slices("theta link d_theta d_link bending bending_rate net motor_acceleration link_acceleration")
-        # places of disturbing torques: the motors, the links, within the joints, and the tip along its axes
+        # channels of disturbing torques: the motors, the links, within the joints, and the tip along its axes
         self.channels = slices("motor link joint")
         self.channels.tip = slice(self.channels.joint.stop, self.channels.joint.stop + axes)
-        self.states = self.rows.d_link.stop  # numbers of δθ, δq, δθ̇, δq̇
+        self.states = self.rows.d_link.stop  # length of (δθ, δq, δθ̇, δq̇)
         self.row_count, self.channel_count = self.rows.link_acceleration.stop, self.channels.tip.stop
         # rows of δq̈, δq and δq̇; further rows, which follow the 18 others, are combinations of them
         self.observed = np.r_[self.rows.link_acceleration, self.rows.link, self.rows.d_link]
@@ -45,7 +45,7 @@ class Layout:
 
 @functools.cache
 def layout(joints: int, axes: int) -> Layout:
-    """Return the places of the numbers of an arm; always the same object."""
+    """Return the `Layout` of an arm; the same object on every call."""
     return Layout(joints, axes)
 
 
@@ -58,17 +58,17 @@ class Transition(NamedTuple):
     held: np.ndarray
     ramp: np.ndarray
     moments: np.ndarray  # directions (_PARTS, 2, 10, 8) of the first two moments of a disturbance of size one
-    beyond: np.ndarray  # bound (10, 8) of what the two moments leave of it
-    push_state: np.ndarray  # bound (10, 8) of all of it
-    # bound (18 + n, 8) of what a disturbance of size one can add to the observed numbers within the period
+    beyond: np.ndarray  # bound (10, 8) on the effect of this disturbance beyond the two moments
+    push_state: np.ndarray  # bound (10, 8) on the whole effect of this disturbance
+    # bound (18 + n, 8) on what a disturbance of size one can add to the observed rows within the period
     push: np.ndarray
-    # S_A, S_A_A: products (18 + n, 10)
+    # S_A, S_A_A: the products S A and S A² (18 + n, 10)
     S_A: np.ndarray
     S_A_A: np.ndarray
 
 
 class Linear(NamedTuple):
-    """The linear equation of a period, for n further observed rows beside the 18 of `ROWS`."""
+    """The linear equation of a period, with n observed rows in addition to the 18 of `Layout.rows`."""
 
     A: np.ndarray  # (10, 10)
     size: np.ndarray  # |A|', (10, 10)
@@ -95,7 +95,7 @@ class Linear(NamedTuple):
             links: M_k [kg m²], G_k = ∂R/∂q [N m/rad] and D_k = ∂R/∂q̇ [N m s/rad] at the middle of the period, (2, 2).
             lever: Jᵀ (2, 2), from tip forces [N] to torques [N m].
             slip: derivative of the friction torque by velocity (2,) [N m s/rad].
-            still: whether friction holds a motor still; its rows are zero.
+            still: whether friction holds a motor still; the motor's rows are zero.
             given: whether the velocity of a motor is bounded separately. Then it is not a state, and the motor's
                 channel represents it, in rad/s.
             products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
@@ -144,7 +144,7 @@ class Linear(NamedTuple):
         return cls(A, size, b, S, size_of_rows, D)
 
     def over(self, period: float) -> Transition:
-        """Return the solution over T [s]."""
+        """Return the solution over a period T [s]."""
         A, size, b, S, _, D = self
         powers, bounds = [np.eye(len(A))], np.eye(len(A))
         growth = np.eye(len(A))

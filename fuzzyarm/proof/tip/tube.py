@@ -1,4 +1,4 @@
-"""The tube along a motion: sample, hold, next sample; and the bound of the tip error."""
+"""The tube along a motion, control step by control step, and the bound on the tip error."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube", "tip_bound"]
 
-_DIRECTIONS = 48  # of the polygon around the tip's deviations in a plane; it is at most 0.06 % larger than they are
-_COARSE = 6  # every how many of them are looked at first
-_CIRCLES = 19  # of directions in space; the polyhedron is at most 0.4 % larger than the deviations
+_DIRECTIONS = 48  # of the polygon around the tip's deviations in a plane; it is at most 0.06 % larger than these
+_COARSE = 6  # one direction in so many is evaluated first
+_CIRCLES = 19  # circles of latitude of directions in space; the polyhedron is at most 0.4 % larger than the deviations
 
 
 def tip_bound(
     state: np.ndarray, deviations: Zonotope, plant: BallPlant, wanted: list[float]
 ) -> tuple[float, np.ndarray]:
-    """Return a bound of the tip error [m] at a sample, and the share of each source: `SOURCES`, constants, centre.
+    """Return a bound on the tip error [m] at a sample, and the share of each source: `SOURCES`, constants, centre.
 
-    For the centre's state (8,), the zonotope of deviations, the arm and the target point p_r [m],
+    For the centre's state (8,) with the link angles q_y, a zonotope of deviations, the arm and the target p_r [m],
 
-    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, p'' of the straight course from q_y to q. The zonotope J δq lies in
-    the polygon or polyhedron that touches it in certain directions, and likewise with the centre's error added.
+    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' along the straight line from q_y to q. J δq, with or
+    without the centre's error p(q_y) - p_r, lies in a polygon or polyhedron whose faces have fixed directions.
     """
     physics, links = plant.physics, deviations.part(plant.layout.rows.link)
     angles, radius = [arb(x) for x in state[plant.layout.rows.link].tolist()], links.totals()
@@ -68,12 +68,12 @@ def tip_bound(
 
 @functools.cache
 def _units(axes: int) -> tuple[np.ndarray, float]:
-    """Return directions, rows, and 1/cos α: every unit vector or its negative is within the angle α of one of them."""
+    """Return unit vectors (rows) and 1/cos α; any direction or its opposite is within the angle α of one of them."""
     if axes == 2:
         turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         return np.stack([np.cos(turns), np.sin(turns)], axis=1), (1.0 + 1e-12) / math.cos(0.5 * math.pi / _DIRECTIONS)
-    # Circles of latitude, `apart` from one another and with directions as far apart or closer on each: every point of
-    # the half sphere is within half of `apart` of a circle, and on it within half of `apart` of a direction.
+    # Circles of latitude with the spacing `apart`, and directions on each with at most this spacing: every point of the
+    # half sphere is within `apart`/2 of a circle, and every point of a circle within `apart`/2 of a direction.
     apart, units = 0.5 * math.pi / (_CIRCLES - 1), list[tuple[float, float, float]]()
     for height in apart * np.arange(_CIRCLES):
         count = max(1, math.ceil(2.0 * math.pi * math.cos(height) / apart))
@@ -83,11 +83,11 @@ def _units(axes: int) -> tuple[np.ndarray, float]:
 
 
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reach in the relevant directions, zero in the others, and a mask of them; in space all are relevant.
+    """Return the reach in the relevant directions (zero elsewhere) and a mask of these; in space, all are relevant.
 
-    The farthest point v of a symmetric set with reach h is seen from the nearest of the `_COARSE` directions c under an
-    angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c
-    are the others needed. The two sets are the deviations, without and with the centre's own error.
+    Let v be the farthest point of a symmetric set with reach h. Some coarse direction c (every `_COARSE`-th) is within
+    the angle α = π _COARSE/(2 _DIRECTIONS) of v, so h(c) >= |v| cos α >= h(c') cos α for all c'. Only near such c are
+    further directions evaluated. This is done for two sets: the deviations without and with the centre's own error.
     """
     if len(rows) != _DIRECTIONS:
         return links.size(rows), np.ones(len(rows), dtype=bool)
@@ -109,16 +109,16 @@ _FORCE, _LAW, _ROUNDING = map(SOURCES.index, ("force", "law and noise", "roundin
 class Problem:
     """The motion, the policy and the set of plants whose tip error is to be bounded."""
 
-    parameters: AnyArm  # of the policy's arm
-    start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
+    parameters: AnyArm  # the policy's arm
+    start: np.ndarray  # initial state (8,) of the environment: at rest, the links on the reference
     reference: PathReference  # the motion, of one lap
     schedule: Schedule  # reference, tip force and target of every control step
     period: float  # T [s]
     law: SampledLaw  # the policy, sample by sample
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
-    box: StartBox | None  # about the start, in which the first lap begins; None: in the start itself
-    # δ (2,) [N m] by which a guest moves the law's torque at every sample; the motors' limits apply afterwards
+    box: StartBox | None  # initial states of the first lap, about `start`; None: `start` alone
+    # largest change δ (2,) [N m] of the law's torque by a guest, at every sample; the motors' limits apply afterwards
     guest: tuple[float, ...]
 
 
@@ -126,12 +126,12 @@ class Problem:
 class Step:
     """One control step of the tube."""
 
-    torque: np.ndarray  # held in it (2,) [N m], at the centre
-    segments: tuple[Segment, ...]  # the centre
-    closed: tuple[Closed, ...]  # the tube on each of them
-    tip: float  # bound of the tip error at its end [m]
-    whole: float  # bound of the tip error at every instant of it [m]
-    # share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m]
+    torque: np.ndarray  # held torque (2,) [N m] at the centre
+    segments: tuple[Segment, ...]  # of the centre
+    closed: tuple[Closed, ...]  # the tube on each segment
+    tip: float  # bound on the tip error at the end of the step [m]
+    whole: float  # bound on the tip error at every instant of the step [m]
+    # share of each of `SOURCES`, then of the uncertain constants, then of the centre, in `tip` [m]
     sources: np.ndarray
 
 
@@ -139,20 +139,20 @@ class Step:
 class _State:
     """The state of the tube between two segments: everything on which the rest of the motion depends.
 
-    The numbers of the zonotope are the deviations of θ, q, θ̇ and q̇ from the centre, those of the policy's memory and,
-    where torques act late, that of the torque that acts next. Within a control step the held torque follows q̇.
+    The rows of the zonotope are the deviations from the centre of θ, q, θ̇, q̇, the policy's memory and, if torques act
+    late, the torque that acts next. Within a control step, rows of the held torque follow those of q̇.
     """
 
     centre: np.ndarray  # θ, q, θ̇, q̇ of the centre (8,)
     memory: np.ndarray  # memory of the policy at the centre
-    deviations: Zonotope  # zonotope and box that hold every deviation from the centre
-    speeds: tuple[Speed, ...]  # bounds of the motors' velocities that hold beside the zonotope
-    drags: tuple[float | None, ...]  # friction torques of the plan MIXED in the segment before [N m], see `Closed`
-    waiting: np.ndarray | None  # torque that acts in the next control step (2,) [N m], where torques act late
+    deviations: Zonotope  # all deviations from the centre
+    speeds: tuple[Speed, ...]  # bounds on the motors' velocities, in addition to the zonotope
+    drags: tuple[float | None, ...]  # `Closed.drags` of the previous segment [N m]
+    waiting: np.ndarray | None  # torque that acts in the next control step (2,) [N m], if torques act late
 
     @classmethod
     def at_rest(cls, problem: Problem) -> _State:
-        """Return the state in which the environment begins: one state, at rest on the reference."""
+        """Return the initial state of the tube: at rest on the reference, or the problem's box about that state."""
         joints, states = problem.plant.physics.joints, problem.plant.layout.states
         numbers = states + problem.law.memory + joints * problem.plants.late
         start = Zonotope(numbers, len(problem.plant.parameters))
@@ -164,27 +164,27 @@ class _State:
 
     @classmethod
     def within(cls, start: LapSet) -> _State:
-        """Return the state in which a later lap begins: any of a set."""
+        """Return the initial state of the tube in a later lap, which begins anywhere in a set."""
         joints, waiting = len(start.centre) // 4, start.waiting if len(start.waiting) else None
         speeds = (Speed(-math.inf, math.inf),) * joints
         return cls(start.centre, start.memory, start.deviations(), speeds, (None,) * joints, waiting)
 
     @property
     def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The centre of a `LapSet`."""
+        """The centre c of a `LapSet` around this state."""
         return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
 
     def around(self) -> LapSet:
-        """Return a set that holds this state, for the start of the next lap."""
+        """Return a set that contains this state, in which the next lap may begin."""
         return LapSet.around(self.point, self.deviations)
 
     def filled(self, start: LapSet) -> float:
-        """Return how far a set is filled by this state, which lies inside if that is at most 1."""
+        """Return `LapSet.filled` for this state; at most 1 means that the state lies in the set."""
         return start.filled(self.point, self.deviations)
 
 
 class Tube:
-    """The tube, step by step: iterate over it."""
+    """The tube; iterating over it yields one `Step` after another."""
 
     def __init__(
         self,
@@ -192,9 +192,9 @@ class Tube:
         claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None,
         start: LapSet | None = None,
     ) -> None:
-        """Begin a lap in a set, where policies have done laps before; None: the first, as the environment begins it.
+        """Prepare a later lap that begins in the set `start`; None: the first lap, from the environment's start.
 
-        The claims are the segments of the centre in each control step, with their tube and plans from a file, which are
+        `claims` are the centre's segments in each control step, with their tubes and plans from a file, which are
         confirmed without a search. None: search for the tube.
         """
         self.problem, self._claims, self._layout = problem, claims, problem.plant.layout
@@ -202,14 +202,14 @@ class Tube:
         self.state = _State.at_rest(problem) if start is None else _State.within(start)
         self.begin = start
         self._first = 0 if start is None else problem.schedule.steps  # sample of the law at which the lap begins
-        self._tip = 0.0  # bound of the tip error at the last sample [m]
+        self._tip = 0.0  # bound on the tip error at the last sample [m]
         states = range(self._layout.states)
         memory = range(states.stop, states.stop + problem.law.memory)
         self._seen = [*states[self._rows.theta], *states[self._rows.d_theta], *memory]
         self._centre = Centre(problem.plant.middle, problem.period, problem.plant.physics)
 
     def __iter__(self) -> Iterator[Step]:
-        """Advance to the end of the motion; `NoBound` if there is no tube."""
+        """Yield the control steps up to the end of the motion; `NoBound` if no tube is found."""
         with ctx.workprec(BITS):
             check_curve(self.problem.plant.exact, self._layout.joints)
             self._tip, _ = self._bound(0)
@@ -232,9 +232,9 @@ class Tube:
             segments.append(segment)
             closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
             begun += segment.duration
-        if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
+        if begun != problem.period:  # durations are multiples of the last bit of T, so their sum is exact
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
-        # The held torque is forgotten.
+        # The rows of the held torque are removed.
         z = self.state.deviations
         states = self._layout.states
         keep = np.r_[0:states, states + self._layout.joints : len(z.box)]
@@ -247,12 +247,12 @@ class Tube:
         return Step(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
-        """Return the bound of the tip error at the k-th sample, and its shares."""
+        """Return the bound on the tip error at the k-th sample, and the shares of its sources."""
         wanted = self.problem.schedule.targets[k, : self._layout.axes].tolist()
         return tip_bound(self.state.centre, self.state.deviations, self.problem.plant, wanted)
 
     def _next_drags(self) -> list[float | None]:
-        """Return the centre's constant friction torques, for motors whose velocity has an uncertain sign."""
+        """Return the centre's constant friction torques for motors whose velocity has an uncertain sign, else None."""
         if self.problem.plants.friction == "any":
             return [0.0] * self._layout.joints
         slow = (
@@ -277,7 +277,7 @@ class Tube:
         if not (plants.force_swing or plants.force_course):
             return TipForces(middle, radii, *still)
         directions, wider = np.eye(axes), 1.0
-        if plants.force_swing:  # the first is along the force, where the box of `force_course` may be wider
+        if plants.force_swing:  # the first direction is along the force; the turned box of `force_course` is wider
             along = [middle_of(signal[0]) for signal in case]
             directions, wider = np.linalg.qr(np.column_stack([along, directions]))[0].T, 1.001 * math.sqrt(axes)
         parts = (sum(map(operator.mul, unit, case), Signal([])) for unit in directions.tolist())
@@ -285,7 +285,7 @@ class Tube:
         return TipForces(middle, radii, directions, np.array(courses) * (1 + SLACK))
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
-        """Close the tube on a segment and take the zonotope over it."""
+        """Close the tube on a segment and advance the zonotope to the end of the segment."""
         period, friction = Period(segment, torque, force, self.problem.plant), self.problem.plants.friction
         state = self.state
         self._shift(state.deviations, period.motion.at(-1), state.centre)
@@ -324,7 +324,7 @@ class Tube:
         return self._held(answer)
 
     def _held(self, answer: Response) -> np.ndarray:
-        """Add the policy's answer to the zonotope; return the torque at the centre (2,) [N m] that is held."""
+        """Add the policy's answer to the zonotope; return the held torque at the centre (2,) [N m]."""
         n, states = self._layout.joints, self._layout.states
         state, z, u = self.state, self.state.deviations, slice(0, n)
         more = answer.columns.shape[1] - z.columns.shape[1]
@@ -354,7 +354,7 @@ class Tube:
         return torque
 
     def _advance(self, start: Zonotope, closed: Closed) -> None:
-        """Take the zonotope over a segment, from its part `start`."""
+        """Advance the zonotope over a segment; `start` has its rows of ξ at the beginning."""
         z, solution, channels = self.state.deviations, closed.solution, self._layout.channels
         states, xi = self._layout.states, self._layout.states + self._layout.joints
         box = solution.growth @ (start.box + SLACK * start.totals())
@@ -363,7 +363,7 @@ class Tube:
         z.columns[:states], z.box[:states] = closed.columns[:states], box[:states]
         fresh, sources = [], []
         for j, plan in enumerate(closed.plans):
-            if plan is Plan.MONOTONE:  # the velocity is known by its bound alone
+            if plan is Plan.MONOTONE:  # the velocity is known only by its separate bound
                 velocity = np.zeros(states)
                 velocity[states // 2 + j] = closed.torques[channels.motor][j]
                 z.columns[states // 2 + j], z.box[states // 2 + j] = 0.0, 0.0
@@ -374,7 +374,7 @@ class Tube:
         for channel, torque in enumerate(closed.torques):
             made = solution.moments[..., channel].reshape(-1, xi)[:, :states] * torque
             total = np.abs(made).sum(axis=0)
-            if (total <= 1e-4 * sizes).all():  # what is small beside the rest is not worth columns
+            if (total <= 1e-4 * sizes).all():  # small contributions are added to the box
                 z.box[:states] += total * ROUND_UP
             else:
                 fresh += [*made]

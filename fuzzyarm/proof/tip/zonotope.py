@@ -2,9 +2,9 @@
 
     x = Z g + β,      |g_i| <= 1,   |β| <= box;       |r x| <= Σ_i |(r Z)_i| + |r| box   for a row r.
 
-The first columns are those of the uncertain constants, whose g_i are the same at every instant. The others are the
-disturbances of the periods so far, each with a source. Old columns of one source are merged into a parallelepiped that
-holds them, with one column for each number.
+The first columns are those of the uncertain constants, whose g_i are the same at every instant. The others come from
+the disturbances in the periods so far, each from one source. Old columns from one source are merged into a
+parallelepiped that encloses them, with one column for each of the numbers in x.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK
 __all__ = ["SOURCES", "Zonotope", "merged", "product", "reach"]
 
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding", "start of the lap")
-"""The sources of the columns that belong to no uncertain constant."""
+"""The sources of all columns except those of the uncertain constants."""
 
 _BOX_EVERY = 5  # periods after which the box becomes columns; until then it grows with |Φ|
-_MOST, _KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
-_NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of that is enough
-_FEW = 2000  # columns that stay apart where columns are condensed
+_MOST, _KEPT = 720, 360  # columns for each entry of x at which old ones are merged, and how many are not merged
+_NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of these numbers is enough
+_FEW = 2000  # columns that remain separate in `condensed`
 _WORK = 250_000  # multiplications at a time, too few for a linear algebra library to start threads
 
 
@@ -34,29 +34,29 @@ class Zonotope:
         self.source = -1 - np.arange(constants)  # of each column, an index of `SOURCES`; -1 - i for the constant i
         self.box = np.zeros(numbers)
         self._constants, self._age = constants, 0
-        self._totals: np.ndarray | None = None  # of a part, which does not change
+        self._totals: np.ndarray | None = None  # cached for a part, which does not change
 
     def add(self, columns: np.ndarray, source: int | np.ndarray) -> None:
-        """Add columns (numbers, n) of a source, or each of its own (n,)."""
+        """Add columns (numbers, n), all from one source or each from its own (n,)."""
         used = columns.any(axis=0)
         self.columns = np.hstack([self.columns, columns[:, used]])
         self.source = np.concatenate([self.source, np.broadcast_to(source, used.shape)[used]])
 
     def part(self, numbers: slice) -> Zonotope:
-        """Return the zonotope of some of the numbers; its columns are views, so it must not be changed."""
+        """Return the zonotope of some entries of x; its columns are views, so it must not be changed."""
         part = Zonotope(0, self._constants)
         part.columns, part.source, part.box = self.columns[numbers], self.source, self.box[numbers]
         part._totals = part.totals()
         return part
 
     def totals(self) -> np.ndarray:
-        """Return bounds (numbers,) of |x|."""
+        """Return bounds (numbers,) on |x|."""
         if self._totals is not None:
             return self._totals
         return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
 
     def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
-        """Return bounds (n,) of |r x| for rows (n, numbers); `extra` (n, constants) adds to their columns."""
+        """Return bounds (n,) on |r x| for rows (n, numbers); `extra` (n, constants) is added to the constants' r Z."""
         others = reach(rows, self.columns[:, self._constants :])
         constants = rows @ self.columns[:, : self._constants] + (0.0 if extra is None else extra)
         slack = np.abs(rows) @ (self.box + SLACK * self.totals())
@@ -83,7 +83,7 @@ class Zonotope:
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
     def condensed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return few columns (numbers, n) and a box (numbers,) that together hold the set; small columns are merged."""
+        """Return fewer columns (numbers, n) and a box (numbers,) that enclose the set; small columns are merged."""
         columns, totals = self.columns, self.totals()
         box = self.box + len(self.box) * SLACK * totals
         if columns.shape[1] <= _FEW + len(columns):
@@ -96,7 +96,7 @@ class Zonotope:
 def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return matrix (m, n) times columns (n, k), block by block.
 
-    A linear algebra library would start threads for the whole product, which take far longer on a busy machine.
+    For the whole product, a linear algebra library would start threads, which is far slower on a busy machine.
     """
     made = np.empty((len(matrix), columns.shape[1]))
     for block in _blocks(len(matrix), columns):
@@ -105,7 +105,7 @@ def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the sums (m,) of the absolute values of each row of matrix (m, n) times columns (n, k)."""
+    """Return Σ_j |P_ij| (m,) of the product P = matrix (m, n) times columns (n, k)."""
     total = np.zeros(len(matrix))
     for block in _blocks(len(matrix), columns):
         image = matrix @ columns[:, block]
@@ -119,10 +119,10 @@ def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
 
 
 def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a column for each number (n, n), and a box (n,), that together hold what many columns (n, k) hold.
+    """Return n columns (n, n) and a box (n,) that enclose the zonotope of many columns (n, k).
 
     Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
-    the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than the columns' reach.
+    the rows are of one size, so that the row-by-row bound on |Qᵀ Z g| is not much larger than the columns' reach.
     """
     units = np.abs(columns).sum(axis=1)
     units[units == 0.0] = 1.0
