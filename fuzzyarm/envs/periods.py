@@ -32,7 +32,7 @@ def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tup
 
 
 def default_substeps(duration: float, rate: float = 0.0) -> int:
-    """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s]."""
+    """Return the default number of sub-steps in `duration` [s] for an arm whose fastest mode has `rate` [rad/s]."""
     needed = duration * rate / _RESOLVED
     if needed > _MOST_SUBSTEPS:
         raise ValueError(

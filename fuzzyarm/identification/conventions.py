@@ -5,9 +5,9 @@ conventions is a reading of the log, with the misfit
 
     J² = min over π of (Σ |(Γ - Y π) / s|² + Σ_k ((π_k - π_0k) / σ_k)²) / Σ |Γ / s|²
 
-where s is a share of the largest torque and `_rigid` defines Y. Readings with one or two changes are compared. Each
-change must lower J by a share, and the best reading is reported only if J falls below `_SPOKEN` of its first value. The
-scale of the torque alone is as uncertain as the masses: it is changed only if there are several logs.
+where s is a share of the largest torque and `_rigid` defines Y. Readings that differ from the first in one or two
+conventions are compared. Each change must lower J by a minimum share, and the best reading is reported only if its J is
+below `_SPOKEN` times the first. The torque's scale is as uncertain as the masses; it is changed only for several logs.
 """
 
 from __future__ import annotations

@@ -288,7 +288,7 @@ class CellBound(NamedTuple):
 
 
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
-    """Write the file of a bound by cells, atomically; each cell has a file in the same folder."""
+    """Write the file of a cell-wise bound, atomically; each cell has a file of its own in the same folder."""
     names = [cell.path.name for cell in found if cell.path is not None]
     bound, samples = max(cell.bound for cell in found), found[0].samples
     document = _CellsDocument.of(claim, schema=_CELLS_SCHEMA, bound=bound, samples=samples, cells=names)

@@ -527,6 +527,6 @@ def _smallest_eigenvalue(matrices: np.ndarray) -> float:
 
 
 def _where_it_ended(result: Any) -> Any:
-    """Return Clarabel's result with a status for which cvxpy reads the point, whatever the solver reported."""
+    """Return Clarabel's result with a status for which cvxpy accepts the final iterate, whatever was reported."""
     names = ("x", "z", "s", "obj_val", "obj_val_dual", "solve_time", "iterations")
     return types.SimpleNamespace(status="AlmostSolved", **{name: getattr(result, name) for name in names})

@@ -63,7 +63,7 @@ def test_any_changed_digit_is_noticed(controller, tmp_path):
 
 
 def test_another_robot_is_refused_with_the_fields_that_differ():
-    with pytest.raises(ControllerFileError, match=r"another robot \(mass differ\)"):
+    with pytest.raises(ControllerFileError, match=r"another robot \(different: mass\)"):
         load_policy("fuzzy-4", robot=ArmParameters(mass=(15.0, 9.5)))
 
 

@@ -201,7 +201,7 @@ class Lanes:
         return self.layout.split(room.array(), self.count)
 
     def _step_in(self, room: Room, action: np.ndarray) -> Call:
-        """Return the code of the control step of all lanes, which writes its results into the room."""
+        """Return the kernel call that steps all lanes and writes their results into `room`."""
         lasting, kept = (self.values, self.clock, self.table), room.kept
         if kept is None or not all(map(operator.is_, lasting, kept[1:])):
             kept = room.kept = self.bound(action, room.array()), *lasting

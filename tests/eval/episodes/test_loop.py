@@ -173,7 +173,7 @@ def test_a_controller_is_a_policy_as_its_file_is():
     with pytest.raises(ControllerFileError, match=r"^the controller is not proven \(\d+ inequalities fail"):
         load_policy(dataclasses.replace(SHIPPED, gamma=0.5 * SHIPPED.gamma))
     assert load_policy(dataclasses.replace(SHIPPED, gamma=0.5 * SHIPPED.gamma), allow_unproven=True).joints == 2
-    with pytest.raises(ControllerFileError, match=r"^the controller was designed for another robot \(mass differ"):
+    with pytest.raises(ControllerFileError, match=r"^the controller was designed for another robot \(different: mass"):
         load_policy(SHIPPED, robot=OTHER)
     with pytest.raises(TypeError, match="a policy must be a name, a path or a controller, not int"):
         load_policy(3)
