@@ -88,7 +88,7 @@ class Schedule:
     def build(
         cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int | None = None
     ) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s]; `axes` defaults to those of the reference."""
+        """Sample a reference and a disturbance every `control_period` [s]; `axes` defaults to the reference's."""
         axes = reference.tip(0.0).position.shape[-1] if axes is None else axes
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)

@@ -124,7 +124,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return the columns of the zonotope and of the unknowns; each remainder becomes a column or an entry of the box."""
+    """Return the columns of the zonotope and of the unknowns; a remainder becomes a column or an entry of the box."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

@@ -2,16 +2,16 @@
 
 Cases 2 and 3 and the courses and seeds of the comparisons are not among the draws. A course is drawn from
 `reference_family`, but a quarter of the lanes follow the default reference, and a sixth a circle of a few millimetres
-(for a robot, an equally small spline), on which the arm hardly moves, so that the student learns to rest under a load. In a
-quarter of the draws all lanes have the known arm. A load is a payload at the tip and one of these forces:
+(for a robot, an equally small spline), on which the arm hardly moves, so that the student learns to rest under a load.
+In a quarter of the draws all lanes have the known arm. A load is a payload at the tip and one of these forces:
 
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
 with v the velocity of the tip and Q a rotation by zero (along the course) or by any angle (across it). Pushes have any
-direction in which the tip can move, in the plane or in space; Q turns in that plane, or in space about any axis. Forces,
-payloads and small courses are those for the arm of Table 1 times the factors of `signals.scale_of`: for a robot, forces
-and payloads use the same share of a motor's torque limit along its default course, and lengths scale with the reach.
-Encoders are noisy in half of the lanes, in half of these very little; torques are delayed in a quarter of
+direction in which the tip can move, in the plane or in space; Q turns in that plane, or in space about any axis.
+Forces, payloads and small courses are those for the arm of Table 1 times the factors of `signals.scale_of`: for a
+robot, forces and payloads use the same share of a motor's torque limit along its default course, and lengths scale with
+the reach. Encoders are noisy in half of the lanes, in half of these very little; torques are delayed in a quarter of
 the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again,
 because infeasible motions teach nothing.
 """
