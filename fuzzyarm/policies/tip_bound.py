@@ -317,16 +317,16 @@ def find_bound(
             filled = math.inf if after is None else tube.state.filled(after)
         if claims is not None and not filled <= 1.0:
             raise NoBound(
-                f"{name}: the end of lap {number} is not inside the set in which the next lap begins: its relative "
-                f"size is {filled:.4g}; allowed: at most 1"
+                f"{name}: the set in which lap {number} ends is not inside the set in which the next lap begins: its "
+                f"relative size is {filled:.4g}; allowed: at most 1"
             )
         if last and filled <= 1.0:
             break
         start = tube.state.around() if claims is None else after
     else:
         raise NoBound(
-            f"{name}: the end of lap {_MOST_LAPS} is not inside the set in which this lap begins: its relative size is "
-            f"{filled:.4g}; allowed: at most 1"
+            f"{name}: the set in which lap {_MOST_LAPS} ends is not inside the set in which it begins: its relative "
+            f"size is {filled:.4g}; allowed: at most 1"
         )
     if claims is not None and len(claims) != len(laps):
         raise NoBound(f"{name}: the file contains {len(claims)} laps, but the proof needs {len(laps)}")

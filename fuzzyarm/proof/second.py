@@ -715,7 +715,9 @@ class _Tube:
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(f"row {row + 1} may reach {reached[row]:.4g}, beyond the tube's radius {radii[row]:.4g}")
+            raise _Refused(
+                f"row {row + 1} of the tube may reach {reached[row]:.4g}, more than its radius {radii[row]:.4g}"
+            )
         linear_part[2](w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":
