@@ -715,9 +715,7 @@ class _Tube:
                 break
         else:
             row = int(np.argmax(reached / tube))
-            raise _Refused(
-                f"row {row + 1} of the tube may reach {reached[row]:.4g}, more than its radius {radii[row]:.4g}"
-            )
+            raise _Refused(f"row {row + 1} of the tube may reach {reached[row]:.4g}; its radius is {radii[row]:.4g}")
         linear_part[2](w)
         for j, friction in enumerate(frictions):
             if friction.plan == "monotone":

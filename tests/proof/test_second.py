@@ -57,11 +57,11 @@ def _shift(document):
 FORGED = {
     **{f"radius {row + 1}": (_narrow(row), f"row {row + 1} ") for row in range(0, 18, 3)},
     "another mass": (lambda d: d["plants"].update(mass=[0.9, 1.1]), "control step 1"),
-    "another friction": (lambda d: d["plants"].update(dry_friction=[0.3, 1.2]), "beyond the tube's radius"),
+    "another friction": (lambda d: d["plants"].update(dry_friction=[0.3, 1.2]), "; its radius is"),
     "a lighter motor": (lambda d: d["plants"].update(motor_inertia=[0.7, 1.0]), "control step 1"),
     "a motor that rests": (_held, "plan 'held'"),
     "another side": (lambda d: d["steps"][AT][0].update(plans=["slip", "slip"], modes=[1, 1]), "may stop"),
-    "another centre": (_shift, "beyond the tube's radius"),
+    "another centre": (_shift, "; its radius is"),
     "a missing step": (lambda d: d["steps"].pop(AT), "all need the same number, 1 to 1500"),
     "a missing end": (lambda d: (d["steps"].pop(), d["steps"].append([])), "its segments last"),
     "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip error may reach"),
