@@ -40,9 +40,10 @@ def _paper(document: dict[str, Any]) -> str:
     ranges = (f"{form.format(**rows[case])}{k}" for k, case in enumerate(PAPER_CASES, start=1))
     return (
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(document)}\n\n"
-        "Beside the paper, which reports circularity errors of 1.3 mm (Case 1) and -2.3 to 4.4 mm (Case 2) for its "
-        "4-rule controller without saying on which side: with the motor angles, as if the joints were rigid, `fuzzy-4` "
-        f"has {', '.join(ranges)}. That tells how well the motors are led, not where the tip is."
+        "The paper reports circularity errors of 1.3 mm (Case 1) and -2.3 to 4.4 mm (Case 2) for its 4-rule controller, "
+        "but not whether they are those of the motors or of the links. Computed from the motor angles, as if the joints "
+        f"were rigid, the errors of `fuzzy-4` are {', '.join(ranges)}. They show how well the motors are controlled, "
+        "not where the tip is."
     )
 
 
@@ -63,11 +64,12 @@ def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
     made = made_with(document, [near[row["policy"]] for row in document["rows"] if row["policy"] in near])
     return (
         f"{markdown(['tip error, rms [mm]', *headings], rows)}\n\n"
-        "Noise: 10 µrad and 1 mrad/s on the encoders, in the three cases. 99 % of plants: the largest error that 99 % "
-        "of random arms with random loads stay below in the worst case. Learned: the shipped policy, and the range of "
-        "five seeds. `paper-4`: the paper's Theorem 2 solved as printed; `paper-4-printed`: the gains that it prints. "
-        "Proven: the [tip's bound](docs/theory/tip.md) for stiffness ± 2 %, damping ± 10 %, masses ± 0.5 %, motor "
-        "inertias ± 1 %, dry friction ± 20 %, at every instant of the nominal case, repeated for ever. "
+        "Noise: 10 µrad and 1 mrad/s on the encoders, in the three cases. 99 % of plants: in each of the three "
+        "cases, the largest tip error of 99 % of random arms with random loads is at most this value. Learned: the "
+        "shipped policy, and the range of five seeds. `paper-4`: the paper's Theorem 2 solved as printed; "
+        "`paper-4-printed`: the gains that it prints. Proven: the [bound on the tip error](docs/theory/tip.md) for "
+        "stiffness ± 2 %, damping ± 10 %, masses ± 0.5 %, motor inertias ± 1 %, dry friction ± 20 %, at every "
+        "instant of the nominal case, repeated for ever. "
         f"`{document['command']}`, `{bounds['command']}`; {made}"
     )
 
