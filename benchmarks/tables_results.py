@@ -40,8 +40,9 @@ def _paper(document: dict[str, Any]) -> str:
     ranges = (f"{form.format(**rows[case])}{k}" for k, case in enumerate(PAPER_CASES, start=1))
     return (
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(document)}\n\n"
-        "The paper reports circularity errors of 1.3 mm (Case 1) and -2.3 to 4.4 mm (Case 2) for its 4-rule controller, "
-        "but not whether they are those of the motors or of the links. Computed from the motor angles, as if the joints "
+        "The paper reports circularity errors of 1.3 mm (Case 1) and -2.3 to 4.4 mm (Case 2) for its 4-rule "
+        "controller, but not whether they are those of the motors or of the links. Computed from the motor angles, "
+        "as if the joints "
         f"were rigid, the errors of `fuzzy-4` are {', '.join(ranges)}. They show how well the motors are controlled, "
         "not where the tip is."
     )
