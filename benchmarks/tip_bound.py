@@ -8,7 +8,7 @@ proof on one core. Then plants of the set are simulated, half of them at corners
 what is measured is the largest tip error, and the largest ratio of a tip error to the bound at the same sample. A set
 of one plant is integrated event by event, larger ones by the environment in sub-steps of 25 µs, a robot in 2 µs. Any
 friction is bang-bang at random frequencies of the loop, with and against the motion. Ratios count where the bound is
-above 1 µm. Ten minutes.
+above 1 µm. Three quarters of an hour on one core.
 
 With --files, only the files of the bounds, which `fuzzyarm verify` checks, are made, on all cores. Exit code 1 if one
 differs from the stored one.
