@@ -39,8 +39,8 @@ _OF_DAMAGE = (  # raised by zipfile, zlib, struct and NumPy's reading of a heade
 )  # fmt: skip
 
 
-class _UnsupportedType(ValueError):
-    """An array has elements of a type that is not read, such as Python objects."""
+class _NotRead(ValueError):
+    """A file may be intact, but is not read: it has Python objects, is encrypted or too large, for example."""
 
 
 def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.ndarray]:
@@ -72,7 +72,7 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
             if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a position before the beginning
                 raise
             reason = escaped(" ".join(str(error).split())[:160]) or type(error).__name__
-            said = f"{path}: {reason}" if isinstance(error, _UnsupportedType) else f"{path} is damaged ({reason})"
+            said = f"{path}: {reason}" if isinstance(error, _NotRead) else f"{path} is damaged ({reason})"
             raise DocumentError(said) from None
 
 
@@ -101,26 +101,26 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
         raise ValueError("two of its entries have the same name")
     for member in members:
         if not member.filename.endswith(_ENDING):
-            raise ValueError(f"{member.filename[:40]!r} is not an array: its name must end in {_ENDING}")
+            raise _NotRead(f"{member.filename[:40]!r} is not an array: its name must end in {_ENDING}")
         if member.flag_bits & _ENCRYPTED:
-            raise ValueError(f"{member.filename[:40]!r} is encrypted")
+            raise _NotRead(f"{member.filename[:40]!r} is encrypted")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise ValueError(f"{member.filename[:40]!r} is compressed by the unknown method {member.compress_type}")
+            raise _NotRead(f"{member.filename[:40]!r} is compressed by the unknown method {member.compress_type}")
     total = sum(member.file_size for member in members)
     if total > most:
-        raise ValueError(f"it unpacks to {total} bytes; allowed for this file: at most {most}")
+        raise _NotRead(f"its arrays unpack to {total} bytes; allowed for this file: at most {most}")
 
 
 def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
     """Return the array in a stream of `size` bytes; ValueError unless its header states exactly this size."""
     if np.lib.format.read_magic(stream) != (1, 0):
-        raise ValueError(f"{name[:40]!r} must be in version 1.0 of the .npy format")
+        raise _NotRead(f"{name[:40]!r} must be in version 1.0 of the .npy format")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # about headers of Python 2
         shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
     fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
     if any(field.kind not in _KINDS or field.names is not None for field in fields):
-        raise _UnsupportedType(f"{name[:40]!r} has the type {str(dtype)[:40]}; save arrays of numbers or text")
+        raise _NotRead(f"{name[:40]!r} has the type {str(dtype)[:40]}; save arrays of numbers or text")
     needed, left = math.prod(shape) * dtype.itemsize, size - stream.tell()
     if min(shape, default=0) < 0 or needed != left:
         raise ValueError(f"{name[:40]!r} has {left} bytes; needed: {needed}, for shape {shape} and type {dtype}"[:160])

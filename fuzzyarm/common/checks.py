@@ -107,10 +107,10 @@ def choice(name: str, value: Any, choices: Collection[_Choice]) -> _Choice:
 
 
 def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
-    """Return one or more different names; ValueError otherwise, TypeError for anything but a sequence of strings."""
+    """Return one or more distinct names; ValueError otherwise, TypeError for anything but a sequence of strings."""
     texts(name, values)
     if not values or len(set(values)) != len(values):
-        raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
+        raise ValueError(f"{name} = {shown(list(values))} must be one or more distinct names")
     return values
 
 
@@ -147,7 +147,7 @@ def sequence_of(name: str, values: Any) -> Sequence[Any]:
     if not isinstance(values, list | tuple):
         raise TypeError(f"{name} = {shown(values)} must be a list or a tuple")
     if not values:
-        raise ValueError(f"{name} is empty; give at least one")
+        raise ValueError(f"{name} is empty; give at least one entry")
     return values
 
 

@@ -68,7 +68,7 @@ def read_toml(path: Path, *, largest: int = _LARGEST_TOML) -> dict[str, Any]:
         content = tomllib.loads(decoded)
         _check_values(content, finite=False)  # the record checks the numbers
     except (ValueError, RecursionError) as error:
-        raise DocumentError(f"{path} is not a TOML file: {_brief(error)}") from None
+        raise DocumentError(f"{path} cannot be read as TOML: {_brief(error)}") from None
     return content
 
 
@@ -77,7 +77,7 @@ def read_bytes(path: Path, *, largest: int = _LARGEST) -> bytes:
     with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
-        raise DocumentError(f"{path} is larger than {largest} bytes, the limit for such a file")
+        raise DocumentError(f"{path} is larger than the {largest} bytes allowed for such a file")
     return content
 
 
@@ -87,13 +87,13 @@ def open_regular(path: Path) -> BinaryIO:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):  # opening some devices has side effects
-        raise DocumentError(f"{path}: not a regular file")
+        raise DocumentError(f"{path} is not a regular file")
     # The open file is checked too: it may have been replaced. Without O_NONBLOCK, opening a pipe waits for a writer.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     file = os.fdopen(handle, "rb")
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         file.close()
-        raise DocumentError(f"{path}: not a regular file")
+        raise DocumentError(f"{path} is not a regular file")
     return file
 
 
@@ -102,11 +102,11 @@ def parse_json(text: bytes | str) -> Any:
     try:
         text = text.decode("utf-8") if isinstance(text, bytes) else text
         if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
-            raise ValueError(f"it has more than {_MOST_VALUES} values, the limit")
+            raise ValueError(f"it has more than the allowed {_MOST_VALUES} values")
         content = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_constant)
         _check_values(content, finite=True)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"not a JSON document: {_brief(error)}") from None
+        raise ValueError(f"the content cannot be read as JSON: {_brief(error)}") from None
     return content
 
 
@@ -146,7 +146,7 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
     """Return a mapping if its ``schema`` is the given one, which this version reads; if not, ValueError names both."""
     found = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(content, dict) or found != schema:
-        raise ValueError(f"the schema is {str(found)[:80]!r}; this version of fuzzyarm reads {schema!r}")
+        raise ValueError(f"the schema is {found!r:.80}; this version of fuzzyarm reads {schema!r}")
     return content
 
 
@@ -183,7 +183,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         raise ValueError(f"the key {double[:40]!r} occurs twice")
     for name, value in pairs:
         if isinstance(value, float) and not math.isfinite(value):  # 1e999 parses as inf
-            raise ValueError(f"{name[:40]!r} is not finite")
+            raise ValueError(f"the value of {name[:40]!r} is not finite")
     return content
 
 
@@ -197,7 +197,7 @@ def _check_dotted_keys(text: str) -> None:
     for part in text.split("."):
         run = run + 1 if part.strip() and not any(mark in part for mark in "=,[]{}#\n") else 0
         if run > _DEEPEST:
-            raise ValueError(f"a dotted key has more than {_DEEPEST} parts, the limit")
+            raise ValueError(f"a dotted key has more than the allowed {_DEEPEST} parts")
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
@@ -207,7 +207,7 @@ def _check_values(content: Any, *, finite: bool) -> None:
         below: list[Any] = []
         for part in level:
             if isinstance(part, dict | list) and depth == _DEEPEST:
-                raise ValueError(f"lists and mappings are nested more than {_DEEPEST} levels deep, the limit")
+                raise ValueError(f"lists and mappings are nested more deeply than the allowed {_DEEPEST} levels")
             if isinstance(part, dict):
                 below.extend(part)
                 below.extend(part.values())
@@ -221,4 +221,4 @@ def _check_values(content: Any, *, finite: bool) -> None:
 
 
 def _brief(error: Exception) -> str:
-    return "nested too deeply" if isinstance(error, RecursionError) else str(error)[:120]
+    return "it is nested too deeply" if isinstance(error, RecursionError) else str(error)[:120]

@@ -133,7 +133,7 @@ class ScheduledController(SignedController):
                 raise ValueError(f"{name} is not symmetric")
             values[name] = array
         if len(joints) and values["rates"].min() < 0.0:
-            raise ValueError(f"rates = {values['rates'].tolist()} 1/rad is out of range; allowed: 0 or more each")
+            raise ValueError(f"rates = {values['rates'].tolist()} 1/rad is out of range; allowed: each 0 or more")
         self._take(**values)
 
     @property

@@ -249,10 +249,10 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     plant = BallPlant.of(parameters, case.disturbance, claim.plants)
     references = schedule.references
     if claim.laps == "ever":
-        apart = float(np.abs(references[-1] - references[0]).max())
-        if apart > _CLOSED:
+        gap = float(np.abs(references[-1] - references[0]).max())
+        if gap > _CLOSED:
             raise ValueError(
-                f"laps = ever needs a closed path; the ends of this one differ by {apart:.3g}, allowed: {_CLOSED:g}"
+                f"laps = ever needs a closed path; its ends differ by {gap:.3g} rad, rad/s or rad/s²; limit: {_CLOSED}"
             )
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     sampled = SampledLaw(policy, references)

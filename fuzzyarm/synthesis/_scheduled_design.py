@@ -75,7 +75,7 @@ class ScheduledSpecification:
         if self.fastest_pole is not None:
             real("fastest_pole", self.fastest_pole, "1/s", above=slowest, high=RATES[1])
             if self.gamma is not None:
-                raise ValueError("gamma and fastest_pole are both given; leave out one; each follows from the other")
+                raise ValueError("give either gamma or fastest_pole, not both, because each follows from the other")
 
 
 @dataclasses.dataclass(frozen=True)

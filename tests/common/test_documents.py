@@ -47,7 +47,7 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
         parse_json(text)
     except ValueError as error:
         problem = str(error)
-    assert problem == "" or (problem.startswith("not a JSON document: ") and "\n" not in problem)
+    assert problem == "" or (problem.startswith("the content cannot be read as JSON: ") and "\n" not in problem)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
         ("[-Infinity]", "-Infinity is not a JSON number"),
         ('{"gain": 1e999}', "'gain' is not finite"),
         ("[1e999]", "a number is not finite"),
-        ("[" * (_DEEPEST + 1) + "]" * (_DEEPEST + 1), f"nested more than {_DEEPEST} levels deep"),
+        ("[" * (_DEEPEST + 1) + "]" * (_DEEPEST + 1), f"nested more deeply than the allowed {_DEEPEST} levels"),
         ("[" * 100_000 + "]" * 100_000, "nested"),
         ("1" * 5000, "digits"),
     ],
@@ -84,20 +84,20 @@ def test_only_regular_files_of_a_limited_size_are_read(read, tmp_path):
     path = tmp_path / "file"
     path.write_text("{}" if read is read_json else "# ")
     assert read(path, largest=2) == {}
-    with pytest.raises(DocumentError, match="larger than 1 bytes"):
+    with pytest.raises(DocumentError, match="larger than the 1 bytes"):
         read(path, largest=1)
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (b"mass = ", r"arm\.toml is not a TOML file: "),
-        (b"a = 1\na = 2", r"arm\.toml is not a TOML file: "),
-        (b'name = "\xff"', r"arm\.toml is not a TOML file: "),
-        (b"x = " + b"[" * 9**5, r"arm\.toml is not a TOML file: "),
+        (b"mass = ", r"arm\.toml cannot be read as TOML: "),
+        (b"a = 1\na = 2", r"arm\.toml cannot be read as TOML: "),
+        (b'name = "\xff"', r"arm\.toml cannot be read as TOML: "),
+        (b"x = " + b"[" * 9**5, r"arm\.toml cannot be read as TOML: "),
         # Python would take a time that grows with the square of the parts.
-        (b".".join([b"a"] * (_DEEPEST + 2)) + b" = 1", f"a dotted key has more than {_DEEPEST} parts"),
-        (b".".join([b"a"] * 9**5) + b" = 1", r"arm\.toml is not a TOML file: "),
+        (b".".join([b"a"] * (_DEEPEST + 2)) + b" = 1", f"a dotted key has more than the allowed {_DEEPEST} parts"),
+        (b".".join([b"a"] * 9**5) + b" = 1", r"arm\.toml cannot be read as TOML: "),
     ],
 )
 def test_bad_toml_says_so(tmp_path, text, problem):

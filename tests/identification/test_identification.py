@@ -255,11 +255,11 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
         (["log.csv", "--figure", "arm.svg"], "--figure arm.svg must be a file ending in .png"),
         (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out with --suggest"),
         (["--suggest", "motion.csv", "--duration", "1"], "duration = 1.0 s is out of range; allowed: [4, 120] s"),
-        (["--suggest", "motion.csv", "--robot", "ur5"], "a robot of 6 joints"),
+        (["--suggest", "motion.csv", "--robot", "ur5"], "described by joint frames"),
         (["no.csv"], "no.csv: No such file or directory"),
         (
             ["no.csv", "--columns", "q1"],
-            "--columns q1 must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with no key twice",
+            "--columns q1 must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with each KEY only once",
         ),
     ],
 )

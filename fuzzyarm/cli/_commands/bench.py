@@ -49,5 +49,5 @@ class Options:
             return 0
         print_speeds(document, output())
         if written:
-            say(f"\n{', '.join(path.name for path in written)} in {self.out}")
+            say(f"\nwritten to {self.out}: {', '.join(path.name for path in written)}")
         return 0

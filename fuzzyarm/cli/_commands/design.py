@@ -81,7 +81,7 @@ class Options:
         arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
-            raise UsageError(f"--theorem {self.theorem} is for two-joint arms; use semidefinite for {arm.name}")
+            raise UsageError(f"--theorem {self.theorem} is for two-joint arms; give --theorem semidefinite")
         output_file(self.out, ".json")
         if self.rules is not None and self.keep is not None:
             raise UsageError(f"--rules {self.rules} and --keep {self.keep} both choose the premises; leave out one")
@@ -170,7 +170,7 @@ def _specifications(options: Options, arm: ArmParameters) -> list[Specification]
 
     rules = 4 if options.rules is None else options.rules
     if rules not in NAMED_RULES:
-        raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
+        raise UsageError(f"--rules {rules} is not available; choose from: {', '.join(map(str, NAMED_RULES))}")
     kept = NAMED_RULES[rules] if options.keep is None else tuple(name for name in options.keep.split(",") if name)
     form = "consistent" if options.theorem is None else options.theorem
     if options.feedforward is not None and form != "paper":

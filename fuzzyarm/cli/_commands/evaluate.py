@@ -123,7 +123,7 @@ def _config(options: Options) -> EvaluationConfig:
     if other and not policies:
         left_out = ", ".join(name for name in COMPARED if name not in ANY_ROBOT)
         text = "to tune policies for another arm, use fuzzyarm tune"
-        say(f"left out, because they are for Table 1 only: {left_out}; {text}", error=True)
+        say(f"{left_out} were left out, because they are for the default arm only; {text}", error=True)
     from_file = Path(options.path).suffix in ENDINGS
     if not from_file and options.path not in SHAPES:
         raise UsageError(
@@ -151,7 +151,7 @@ def _repeat(options: Options, recorded: Path) -> int:
     for field in fields(options):
         if field.name not in ("check", "policies") and getattr(options, field.name) != field.default:
             option = option_name(field.name)
-            raise UsageError(f"--check repeats the evaluation of its file and writes nothing: leave out --{option}")
+            raise UsageError(f"--check FILE repeats the evaluation in FILE and writes nothing: leave out --{option}")
     results = read_results(recorded)
     with progress("episodes", len(results.rows)) as advance:
         found = recheck_results(results, options.policies or (), advance)

@@ -86,8 +86,8 @@ class Options:
             return _identify(self, arm)
         if not isinstance(arm, ArmParameters):
             raise UsageError(
-                f"--robot {self.robot} is a robot of {len(arm)} joints given by frames; --suggest supports only "
-                "two-joint arms (fuzzyarm.envs.physics.parameters.ArmParameters)"
+                f"--robot {self.robot} is described by joint frames; --suggest supports only two-joint arms "
+                "described by link lengths, as in fuzzyarm.envs.physics.parameters.ArmParameters"
             )
         return _suggest(self, arm)
 
@@ -120,7 +120,7 @@ def _pairs(option: str, text: str | None) -> dict[str, str]:
     pairs = [pair.partition("=") for pair in text.split(",")] if text is not None else []
     found = {key.strip(): value.strip() for key, _, value in pairs}
     if len(found) < len(pairs) or not all(key and value for key, value in found.items()):
-        raise UsageError(f"{option} {text} must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with no key twice")
+        raise UsageError(f"{option} {text} must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with each KEY only once")
     return found
 
 
@@ -165,7 +165,7 @@ def _identify(options: Options, start: AnyArm) -> int:
         if doubt.doubtful:
             said.append(
                 f"conventions: {doubt.sentence()}. "
-                + ("This reading is used" if options.apply else "To use this reading, add --apply")
+                + f"The likeliest interpretation is used{'' if options.apply else ' only with --apply'}"
             )
         elif options.apply:
             said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); there is nothing to apply")
@@ -179,7 +179,7 @@ def _identify(options: Options, start: AnyArm) -> int:
     except ValueError as error:
         if doubt is None or not doubt.doubtful or options.apply:
             raise
-        raise ValueError(f"{error}. However, {doubt.sentence()}; to use this reading, add --apply") from None
+        raise ValueError(f"{error}. Possible cause: {doubt.sentence()}; to use the likeliest, add --apply") from None
     if options.out is not None:
         write_atomically(options.out, found.to_toml())
     if options.figure is not None:

@@ -43,7 +43,7 @@ class Options:
         from fuzzyarm.eval.sweep.ranking import is_sweep, rank_sweeps
 
         if self.markdown and self.json:
-            raise UsageError("--markdown and --json are two forms of one table: leave out one")
+            raise UsageError("--markdown and --json are two formats of the same table: leave out one")
         sweeps = [path for path in self.files if is_sweep(path)]
         if sweeps and len(sweeps) < len(self.files):
             (other, *_) = (path for path in self.files if path not in sweeps)

@@ -56,7 +56,7 @@ class Options:
             say_json(comparison.to_dict())
         else:
             report.print_report(comparison, output())
-            say(f"\n{len(written)} files in {self.out}")
+            say(f"\n{len(written)} files written to {self.out}")
         for moved in comparison.drifted:
             say(f"fuzzyarm paper: {moved}", error=True)
         return 1 if comparison.drifted else 0

@@ -124,7 +124,7 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     problem, found = problem_of(claim), []
     arm, joints = problem.parameters, problem.plant.physics.joints
     if joints != JOINTS and any(name.partition("-")[0] in BY_JOINT for name, _ in divisions):
-        raise UsageError(f"--cells of a robot with {joints} joints must be payload or force, not a factor of a joint")
+        raise UsageError(f"for a robot with {joints} joints, --cells must be payload or force, not a joint's factor")
     with progress("cells", sum(1 for _ in cells(claim.plants, divisions))) as advance:
         for parts in bounds_of_cells(claim, divisions, jobs, options.out):
             found += parts

@@ -101,7 +101,7 @@ def _tip(text: str | None) -> Any:
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
-        raise UsageError(f"--tip {text} must be a name or three numbers X,Y,Z [m]") from None
+        raise UsageError(f"--tip {text} must be the name of a link or site, or three numbers X,Y,Z [m]") from None
     return x, y, z
 
 

@@ -153,7 +153,7 @@ def _training_libraries() -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise ValueError(
-            f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
+            f'{error.name} is not installed; run in the repository: pip install -c constraints.txt -e ".[rl]"'
         ) from None
 
 

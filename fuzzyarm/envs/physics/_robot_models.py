@@ -318,7 +318,7 @@ def _text(path: Path) -> str:
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:
-        raise ValueError(f"its <{found[1]}> refers to another file, which is not supported; merge the files into one")
+        raise ValueError(f"the model's <{found[1]}> refers to another file, which is not supported; merge both files")
     return text
 
 

@@ -108,8 +108,8 @@ class ArmParameters:
         if not share > _SINGULAR_SHARE:
             raise ValueError(
                 f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix "
-                f"singular at q2 = 0: its determinant is {share:.3g} times the product of its diagonal; allowed: above "
-                f"{_SINGULAR_SHARE:g} times. Raise the inertia"
+                f"singular at q2 = 0: its determinant is {share:.3g} times the product of its diagonal; it must be "
+                f"above {_SINGULAR_SHARE:g} times that product. Raise the inertia"
             )
 
     @classmethod

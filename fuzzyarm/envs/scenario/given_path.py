@@ -142,6 +142,6 @@ def _check_reach(curve: Spline, robot: Robot) -> None:
     if outside[k] > 0.0:
         where = ", ".join(f"{number:.4g}" for number in points[k].tolist())
         raise ValueError(
-            f"point ({where}) m is {distance[k]:.4g} m from the base; allowed: {low:.4g} to {high:.4g} m, the reach of "
-            f"the arm: move the points by {outside[k]:.2g} m or more, or choose a named path, which fits every arm"
+            f"point ({where}) m is {distance[k]:.4g} m from the base, but the arm reaches {low:.4g} to {high:.4g} m; "
+            f"move the points by {outside[k]:.2g} m or more, or choose a named path, which fits every arm"
         )

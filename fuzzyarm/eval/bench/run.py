@@ -61,7 +61,7 @@ class BenchConfig:
         truth("lanes_sweep", self.lanes_sweep)
         if not self.lanes or len(set(self.lanes)) != len(self.lanes):
             raise ValueError(
-                f"lanes = {shown(list(self.lanes))} must be one or more different whole numbers of at least 1"
+                f"lanes = {shown(list(self.lanes))} must be one or more distinct whole numbers, each at least 1"
             )
 
     def groups(self) -> dict[str, list[Entry]]:

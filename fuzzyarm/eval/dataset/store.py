@@ -109,7 +109,7 @@ def check_installed() -> None:
         import minari  # noqa: F401
     except ModuleNotFoundError as error:
         raise ValueError(
-            f"{error.name} is not installed; for data sets, run in the repository: "
+            f"{error.name} is not installed; to use data sets, run in the repository: "
             'pip install -c constraints.txt -e ".[datasets]"'
         ) from None
 
@@ -192,7 +192,7 @@ def open_dataset(folder: str | Path) -> Any:
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DocumentError(f"{path} is not a data set that Minari can read ({reason}); write it again") from None
+        raise DocumentError(f"{path} is damaged, or not in Minari's format ({reason}); write it again") from None
     if found is None:
         raise DocumentError(f"{path} was not written by fuzzyarm dataset; write one with fuzzyarm dataset --out DIR")
     try:

@@ -211,7 +211,7 @@ class SweepConfig:
         """Return the configuration of a `to_dict`; ValueError if a field is unknown, missing or of another type."""
         missing = [field.name for field in dataclasses.fields(cls) if field.name not in values]
         if missing:
-            raise ValueError(f"the fields {', '.join(missing)} are missing")
+            raise ValueError(f"missing fields: {', '.join(missing)}")
         return record(values, cls)
 
     def command(self) -> str | None:

@@ -207,7 +207,7 @@ class Sweep:
 
     def _load(self, number: int) -> SweepResults | None:
         """Return the results of a chunk, None if it has not been run; ValueError for a damaged or foreign file."""
-        path, again = self._path(number), "delete it, then --resume runs that part again"
+        path, again = self._path(number), "delete this chunk, then --resume runs it again"
         if not path.exists():
             return None
         try:

@@ -102,7 +102,7 @@ def read_finding(folder: Path, policy: str, arm_sha256: str) -> Finding | None:
     try:
         found = record(check_schema(read_json(path, largest=_LARGEST), SCHEMA), Finding)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}; remove the file, then --resume repeats this step") from None
+        raise ValueError(f"{error}; remove {path}, then --resume repeats this step") from None
     if (found.arm_sha256, found.policy) != (arm_sha256, policy):
         raise ValueError(f"{path} belongs to another arm or policy; choose another folder")
     return found

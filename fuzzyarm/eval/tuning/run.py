@@ -101,7 +101,7 @@ def _check_strength(arm: AnyArm) -> None:
         raise ValueError(
             f"the arm cannot hold its own weight: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m "
             f"against gravity on its path, but its torque_limit is {limit[joint]:g} N m; raise this limit, or lower "
-            "masses or lengths"
+            "the masses or lengths"
         )
 
 
@@ -162,10 +162,10 @@ def tune(
         findings[step.policy] = finding
         finished(finding)
     if all(finding.chosen is None for finding in findings.values()):
-        reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
+        reasons = "; ".join(f"{name}: {one.notes[-1].rstrip('.')}" for name, one in findings.items() if one.notes)
         raise NothingFound(
             f"no policy has stable gains for this arm ({reasons}); fuzzyarm design --robot names the limiting "
-            "parameter, and with --control-period it designs for a faster loop"
+            "parameter, and designs for a faster loop with a shorter --control-period"
         )
     laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())

@@ -74,7 +74,7 @@ def test_toml_round_trip_is_exact(factor, tmp_path):
     [
         ("weight = 3.0\n", "unknown arm field weight; known: length, mass"),
         ("[arm]\nmass = [1, 2]\n", "unknown arm field arm"),
-        ("mass = [1.0\n", r"arm\.toml is not a TOML file"),
+        ("mass = [1.0\n", r"arm\.toml cannot be read as TOML"),
         ("mass = [nan, 2.0]\n", "mass.* = nan kg is out of range"),
     ],
 )

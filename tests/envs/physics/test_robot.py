@@ -173,7 +173,7 @@ def test_urdf_with_an_overlay(tmp_path):
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
         (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is not a link or site"),
         (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` contains j9, but the joints of the model are: j1, j2"),
-        ('<include file="/etc/passwd"/>', "", ("j1",), "its <include> refers to another file"),
+        ('<include file="/etc/passwd"/>', "", ("j1",), "the model's <include> refers to another file"),
     ],
 )
 def test_what_is_no_chain_of_revolute_joints_is_refused_in_one_line(tmp_path, body, head, joints, message):

@@ -163,8 +163,8 @@ def test_a_bad_file_is_named(name, text, message, tmp_path):
 @pytest.mark.parametrize(
     ("points", "arm", "message"),
     [
-        (((1.5, 0.0), (0.5, 0.5)), ArmParameters(), r"--path: .* 1.5 m from .*: 0 to 1 m, the reach of .*: .* 0.5 m"),
-        (((0.5, -0.2), (0.0, 0.0), (0.5, 0.2)), UNEVEN, r"allowed: 0.3 to 0.7 m, the reach of .*: move .* by 0.3 m"),
+        (((1.5, 0.0), (0.5, 0.5)), ArmParameters(), r"--path: .* 1.5 m from .* reaches 0 to 1 m; .* 0.5 m"),
+        (((0.5, -0.2), (0.0, 0.0), (0.5, 0.2)), UNEVEN, r"reaches 0.3 to 0.7 m; move .* by 0.3 m"),
         (((0.5, 0.0, 0.2), (2.0, 0.0, 0.0)), "ur5", r"--path: point \(2, 0, 0\) m is 2\.\d* m from the base"),
         (((0.5, 0.0), (0.5, 0.5)), "ur5", "the points have 2 coordinates; needed: x, y, z for ur5"),
     ],

@@ -283,7 +283,7 @@ def test_a_grid_alone_varies_nothing_else_and_has_one_plant_in_a_cell():
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ({"policies": ("fuzzy-4", "fuzzy-4")}, "different"),
+        ({"policies": ("fuzzy-4", "fuzzy-4")}, "distinct"),
         ({"cases": ("nowhere",)}, "choose from: nominal, machining, payload"),
         ({"plants": 0}, "plants = 0"),
         ({"bound": float("nan")}, "bound = nan"),

@@ -125,7 +125,7 @@ def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
     assert main([*words, "--cells", "friction", "3"]) == 2
     assert "choose from: mass," in one_line_error(capsys)
     assert main([*words, "--cells", "payload", "3", "--cells", "payload", "2"]) == 2
-    assert "different names" in one_line_error(capsys)
+    assert "distinct names" in one_line_error(capsys)
 
 
 def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):

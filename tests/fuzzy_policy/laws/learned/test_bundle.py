@@ -43,7 +43,7 @@ def written(name, content):
 DAMAGES = (
     (lambda f: (f / "weights.safetensors").unlink(), "weights.safetensors: No such file"),
     (lambda f: os.truncate(f / "weights.safetensors", 300), "sha256 differs"),
-    (written("policy.json", b"\xff\xfe\x00"), "policy.json: not a JSON document"),
+    (written("policy.json", b"\xff\xfe\x00"), "policy.json: the content cannot be read as JSON"),
     (written("policy.json", b"[" * 10**5), "policy.json: .*nested too deeply"),
     (written("policy.json", b" " * (LARGEST + 1)), "policy.json(:| is) larger than"),
     (edited(schema="x/2"), "the schema is 'x/2'; this version of fuzzyarm"),
