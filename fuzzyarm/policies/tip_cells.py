@@ -41,7 +41,7 @@ def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet
         count = whole(f"cells of {name}", parts, low=1, high=1000)
         for axis in _DIVISIBLE[name]:
             if axis in {known for known, _ in itertools.chain(*axes)}:
-                raise ValueError(f"cells = {name} divides a range that another entry divides already; remove one")
+                raise ValueError(f"cells = {name} divides a range that another entry divides already; remove one entry")
             low, high = plants.of_joint(*axis)
             ends = [low + (high - low) * k / count for k in range(count)] + [high]
             axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
