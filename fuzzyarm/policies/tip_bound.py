@@ -252,7 +252,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
         apart = float(np.abs(references[-1] - references[0]).max())
         if apart > _CLOSED:
             raise ValueError(
-                f"laps = ever needs a closed path, but the ends of this path differ by {apart:.3g}; allowed: {_CLOSED:g}"
+                f"laps = ever needs a closed path; the ends of this path differ by {apart:.3g} (allowed: {_CLOSED:g})"
             )
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     sampled = SampledLaw(policy, references)
