@@ -109,7 +109,7 @@ class Training:
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"this version of fuzzyarm cannot resume {folder / CHECKPOINT}: {error}; start a new training run"
+                f"{folder / CHECKPOINT} does not fit this version of fuzzyarm: {error}; start a new training run"
             ) from None
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} contains a training run with {found['algorithm']}; choose another folder")
