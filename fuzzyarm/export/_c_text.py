@@ -129,7 +129,7 @@ class Recorded(_Program):
             super().__init__({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in contents])
         except TypeError as error:
             raise Unsupported(
-                f"{source} needs a value while the code is generated that is known only at run time: {error}"
+                f"while the code is generated, {source} needs a value that is known only at run time: {error}"
             ) from error
 
     @functools.cached_property

@@ -151,8 +151,8 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     inside = policy.guest if isinstance(policy, ShieldedPolicy) else policy
     if number == "float" and isinstance(inside, AdaptiveObserverPolicy | LearnedObserverPolicy):
         raise Unsupported(
-            f'{label} needs number = "double" (--number double): with "float", its covariance loses precision, and the '
-            "tip error reaches centimetres"
+            f'{label} needs number = "double" (--number double): with "float", the covariance in its observer loses '
+            "precision, and the tip error reaches centimetres"
         )
     name = c_name(instance("label", label, str))
     texts = sources_of(label, policy, number)

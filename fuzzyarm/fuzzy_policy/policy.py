@@ -195,8 +195,8 @@ class Policy(abc.ABC):
                 return True
         if sure:
             warnings.warn(
-                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but according to their "
-                f"references, the observations are {1e3 * period:g} ms apart; load the policy with "
+                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but the "
+                f"observations are {1e3 * period:g} ms apart, as their references show; load the policy with "
                 f"control_period={period:g}, or make the environment with "
                 f"control_period={self.control_period:g}{reason}",
                 RuntimeWarning,

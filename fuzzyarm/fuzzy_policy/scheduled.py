@@ -108,7 +108,7 @@ class ScheduledController(SignedController):
         if len(joints) > MOST_PREMISES or len(set(joints)) < len(joints) or any(j >= self.split for j in joints):
             raise ValueError(
                 f"premises belong to the joints {[joint + 1 for joint in joints]}; allowed: at most {MOST_PREMISES} "
-                f"premises, each of a different joint from 2 to split = {self.split}"
+                f"premises, each for a different joint from 2 to split = {self.split}"
             )
         alpha = real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
         values: dict[str, Any] = {

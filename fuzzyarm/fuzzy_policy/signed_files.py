@@ -41,7 +41,7 @@ def decoded(value: Any) -> Any:
         try:
             return float.fromhex(value)
         except OverflowError:
-            raise ValueError(f"{shown(value)} is beyond the largest float") from None
+            raise ValueError(f"{shown(value)} exceeds the largest float") from None
     if isinstance(value, list):
         return [decoded(entry) for entry in value]
     if isinstance(value, dict):

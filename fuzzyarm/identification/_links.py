@@ -257,7 +257,7 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
     parts = [_samples_of(start, log.smoothed(), log.period, _MOST // len(logs)) for log in logs]
     moving = np.concatenate([part.moving for part in parts])
     if not moving.any():
-        raise ValueError(f"too little excitation: no joint is faster than {_SLOWEST:g} rad/s; record a faster motion")
+        raise ValueError(f"too little excitation: no joint exceeds {_SLOWEST:g} rad/s; record a faster motion")
     n, cones, interrupted = len(start), _Cones(start), False
     fit = _fitted(parts, start, cones, np.ones(_DRIVE * n, dtype=bool))
     advance()

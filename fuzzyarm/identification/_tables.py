@@ -215,7 +215,7 @@ def _text(content: bytes) -> Table:
             raise ValueError(f"line {every.index(line) + 1} has the columns in another order: split the file there")
     if len(kept) * style.width > _MOST_NUMBERS:
         raise ValueError(
-            f"it has {len(kept) * style.width} numbers; allowed: at most {_MOST_NUMBERS}. Leave out columns"
+            f"it has {len(kept) * style.width} numbers; allowed: at most {_MOST_NUMBERS}. Remove unneeded columns"
         )
     if len(kept) < len(rows) - first:
         remarks.append(f"{len(rows) - first - len(kept)} line(s) that are cut off or have no numbers are left out")
@@ -303,14 +303,15 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
         listed = whosmat(io.BytesIO(content))  # type: ignore[arg-type]
         plain = [one for one in listed if one[2] in ("double", "single", "logical") or "int" in one[2]]
         numbers = sum(int(np.prod([float(n) for n in shape])) for _, shape, _ in plain)
-        if numbers > _MOST_NUMBERS:
-            raise ValueError(f"it has {numbers} numbers; allowed: at most {_MOST_NUMBERS}. Leave out variables")
-        found = loadmat(io.BytesIO(content), variable_names=[one[0] for one in plain]) if plain else {}  # type: ignore[arg-type]
+        names = [one[0] for one in plain if numbers <= _MOST_NUMBERS]
+        found = loadmat(io.BytesIO(content), variable_names=names) if names else {}  # type: ignore[arg-type]
     except Exception as error:  # for a damaged file, scipy's reader may raise any exception
         raise ValueError(f"it is not a MATLAB file, or it is damaged ({' '.join(str(error).split())[:120]})") from None
+    if numbers > _MOST_NUMBERS:
+        raise ValueError(f"it has {numbers} numbers; allowed: at most {_MOST_NUMBERS}. Remove unneeded variables")
     if not plain:
-        raise ValueError(f"its variables ({listing(name for name, *_ in listed)}) are not arrays of numbers{_SAVED}")
-    return {name: found[name] for name, *_ in plain if isinstance(found.get(name), np.ndarray)}
+        raise ValueError(f"it has no arrays of numbers; its variables: {listing(name for name, *_ in listed)}{_SAVED}")
+    return {name: found[name] for name in names if isinstance(found.get(name), np.ndarray)}
 
 
 def _bag(path: Path, topic: str | None) -> Table:
@@ -327,7 +328,7 @@ def _bag(path: Path, topic: str | None) -> Table:
     for file in [one for one in path.iterdir() if one.suffix in _BAG] if path.is_dir() else [path]:
         with open_regular(file) as stream:
             if stream.seek(0, 2) > _LARGEST_BAG:
-                raise ValueError(f"{file.name} is larger than {_LARGEST_BAG} bytes, the limit; split the bag")
+                raise ValueError(f"{file.name} has more than {_LARGEST_BAG} bytes; split the bag")
     decode = get_typestore(Stores.LATEST).deserialize_cdr
     counts: Counter[str] = Counter()
     states: list[tuple[int, Any]] = []

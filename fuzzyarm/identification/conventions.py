@@ -102,12 +102,12 @@ class Diagnosis:
 
     def sentence(self) -> str:
         """Return the likely reading with both misfits, and its rivals."""
-        others = "; ".join(
+        more = "; ".join(
             f"{' and '.join(one.words) or 'the log as it is'} ({misfit:.2g})" for one, misfit in self.rivals
         )
         return (
             f"{' and '.join(self.reading.words)}; with this interpretation, the misfit of a rigid arm falls from "
-            f"{self.misfit:.2g} to {self.after:.2g}" + f"; others fit nearly as well: {others}" * bool(others)
+            f"{self.misfit:.2g} to {self.after:.2g}" + f"; other conventions fit nearly as well: {more}" * bool(more)
         )
 
 

@@ -360,7 +360,7 @@ def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[
             text = f"{name} has outliers in {np.count_nonzero(rows)} row(s), the first ({values[k]:.6g}) at t = "
             text += f"{time[k]:.4g} s"
             if rows.mean() > _MOST_STRAY:
-                raise ValueError(f"{text}; allowed: in {100.0 * _MOST_STRAY:g} % of the rows. Repair the column")
+                raise ValueError(f"{text}; allowed: at most {100.0 * _MOST_STRAY:g} % of the rows. Correct the column")
             remarks.append(f"{text}; these rows are left out")
     return np.asarray(np.any(stray, axis=0))
 

@@ -46,7 +46,7 @@ def controller_policy(
     failed = [claim.name for claim in certificate.claims if not claim.proven] if certificate else []
     if failed:
         raise ControllerFileError(
-            f"{name} is not proven ({len(failed)} inequalities fail, first: {failed[0]}): it was changed after "
+            f"{name} is not proven (failed inequalities: {len(failed)}, the first: {failed[0]}): it was changed after "
             "its design, or was never valid; load_policy(..., allow_unproven=True) loads it without a proof"
         )
     return policy

@@ -52,7 +52,7 @@ class OnnxPolicy(Policy):
             import onnxruntime
         except ImportError:
             raise ValueError(
-                "onnxruntime, which runs policies onnx:FILE, is not installed; run in the repository: "
+                "onnxruntime, which runs policies named onnx:FILE, is not installed; run in the repository: "
                 'pip install -c constraints.txt -e ".[onnx]"'
             ) from None
         try:
@@ -81,7 +81,7 @@ class OnnxPolicy(Policy):
         self._scale, self._calls = np.array(action.scale), action.calls(control_period)
         self.action_period, self._remembered = action.period, features.memory_size
         if (shape := self._run(np.zeros((1, given.shape[1]), np.float32)).shape) != (1, joints):
-            raise ValueError(f"{path}: its output has shape {shape} for one lane; needed: (1, {joints}), the actions")
+            raise ValueError(f"{path}: one lane's output has shape {shape}; needed: actions of shape (1, {joints})")
 
     @property
     def memory_size(self) -> int:

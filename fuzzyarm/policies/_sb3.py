@@ -90,13 +90,13 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             parts = {name: archive.getinfo(name) for name in ("data", "policy.pth")}
             if any(part.file_size > _LARGEST for part in parts.values()):
-                raise ValueError(f"one of its parts is larger than {_LARGEST} bytes, the limit")
+                raise ValueError(f"one of its parts has more than {_LARGEST} bytes")
             data = instance("data", json.loads(archive.read("data")), dict)
             found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
         tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}
     except Exception as error:  # torch may raise any exception
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise ValueError(f"{path} is not a model saved by stable-baselines3: {reason}") from None
+        raise ValueError(f"{path} cannot be read as a model saved by stable-baselines3: {reason}") from None
     return data, tensors
 
 

@@ -201,7 +201,7 @@ class UserPolicy:
         if torque.shape != needed:
             raise ValueError(
                 f"{self.name}: predict returned an action of shape {torque.shape} for observations of shape "
-                f"{observation.shape}; needed: {needed}, the motor torques [N m]"
+                f"{observation.shape}; needed: motor torques [N m] of shape {needed}"
             )
         if torque.dtype.kind not in "fiuO":  # the environment checks objects one by one
             raise ValueError(

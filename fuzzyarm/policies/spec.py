@@ -373,8 +373,8 @@ def found_again(
             # The file of every learned policy is policy.json; loading a law without files reports an unknown name.
             elif {spec.path.name, "policy.json"} & set(files.get(spec.label, ())):
                 raise ValueError(
-                    f"policy {name} is neither in the current folder nor beside the results in {folder}: put it there, "
-                    f"or add --policy PATH/{Path(name).name}"
+                    f"policy {name} is neither in the current folder nor beside the results in {folder}: put it in one "
+                    f"of these folders, or add --policy PATH/{Path(name).name}"
                 )
         found.append(name)
     return tuple(found)

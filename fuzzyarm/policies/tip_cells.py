@@ -41,12 +41,12 @@ def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet
         count = whole(f"cells of {name}", parts, low=1, high=1000)
         for axis in _DIVISIBLE[name]:
             if axis in {known for known, _ in itertools.chain(*axes)}:
-                raise ValueError(f"cells = {name} divides a range that another entry divides already; leave out one")
+                raise ValueError(f"cells = {name} divides a range that another entry divides already; remove one entry")
             low, high = plants.of_joint(*axis)
             ends = [low + (high - low) * k / count for k in range(count)] + [high]
             axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
     if (count := math.prod(map(len, axes))) > 10_000:
-        raise ValueError(f"these divisions give {count} cells; allowed: at most 10000. Divide into fewer parts")
+        raise ValueError(f"these divisions give {count} cells; allowed: at most 10000. Choose fewer parts")
     for chosen in itertools.product(*axes):
         cell = plants
         for axis, part in chosen:

@@ -127,7 +127,7 @@ class _Begin:
             for name in ("constants", "columns")
         )
         if len(columns) < numbers:
-            raise ValueError(f"a set of {numbers} numbers has {len(columns)} columns; needed: at least {numbers}")
+            raise ValueError(f"columns has {len(columns)} entries; needed: at least {numbers}")
         centre, memory, waiting = point
         return LapSet(centre, memory, waiting, constants.T, columns.T)
 

@@ -87,7 +87,7 @@ def check(path: Path) -> SecondCheck:
         unknown = claim.unknown()
     except (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path} is not a file that fuzzyarm prove wrote: {error!r}") from None
-    verdict, reason, place, most = ("NOT CHECKED" if unknown else "PROVEN"), unknown, 0, 0.0
+    verdict, reason, place, most = ("NOT CHECKED" if unknown else "PROVEN"), unknown, -1, 0.0
     try:
         with ctx.workprec(_BITS):
             tube: Any = () if unknown else _Tube(claim)
@@ -100,7 +100,7 @@ def check(path: Path) -> SecondCheck:
                 most = max(most, *found[not claim.whole :])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         lap = f" of lap {place // claim.count + 1}" if claim.ever else ""
-        verdict, reason = "NOT PROVEN", f"control step {place % claim.count + 1}{lap}: {error}"
+        verdict, reason = "NOT PROVEN", f"control step {place % claim.count + 1}{lap}: " * (place >= 0) + str(error)
     bound, proven = (float(most), True) if verdict == "PROVEN" else (math.nan, False)
     return SecondCheck(Path(path), verdict, reason, bound, claim.words(), time.perf_counter() - begin, proven)
 
@@ -126,7 +126,7 @@ class _Claim:
         other = [(n, x) for n, x in self.known.items() if x not in _KNOWN[n]]
         odd += [f"any {n} but the default" if isinstance(x, dict) else f"{n} {x!r:.40}" for n, x in other]
         odd += [f"sets with {n}" for n, x in self.plants.items() if n not in _DEFAULTS or x != _FIXED.get(n, x)]
-        odd += [] if abs(self.duration / _PERIOD - self.count) < 1e-9 else ["durations in fractions of 1 ms"]
+        odd += [] if abs(self.duration / _PERIOD - max(self.count, 1)) < 1e-9 else ["durations in fractions of 1 ms"]
         return f"this checker does not cover {', '.join(odd)}" if odd else ""
 
     def words(self) -> str:
@@ -406,7 +406,7 @@ class _Motion:
 
     def __init__(self, angles: list[list[float]], h: float, begin: float) -> None:
         if len(angles) != 4 or any(len(row) != 8 for row in angles):
-            raise _Refused("the centre must have four polynomials of degree 7")
+            raise _Refused("the centre of the tube must have four polynomials of degree 7")
         rows = [[arb(x) for x in row] for row in angles]
         self.polynomials = [rows]
         for _ in _BOTH:

@@ -57,7 +57,7 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
     try:
         write_atomically(path, _SCHEMA + b" " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
     except OSError as error:
-        intact = "the previous checkpoint is intact: free some space and resume"
+        intact = "the previous checkpoint is intact: restore write access or free space, then resume"
         left = intact if path.exists() else "there is no checkpoint yet"
         raise OSError(error.errno, f"{error.strerror or error}; {left}", str(path)) from None
 

@@ -153,7 +153,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         """Hold the torques of `actions` (num_envs, joints) in [-1, 1] for one period; larger ones are clipped."""
         given = np.clip(real_numbers("actions", actions), -1.0, 1.0)
         if given.shape != self._action.shape:
-            raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}, numbers in [-1, 1]")
+            raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}")
         begun, smoothing = self._over, self.action.smoothing  # these lanes begin an episode and do not step
         self._action = smoothing * self._action + (1.0 - smoothing) * given
         torque = np.array(self.action.scale) * self._action

@@ -226,7 +226,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         given = _real(action)
         needed = self.num_envs, self._shared.equations.physics.joints
         if tuple(given.shape) != needed:
-            raise ValueError(f"action has shape {tuple(given.shape)}; needed: {needed}, motor torques [N m]")
+            raise ValueError(f"action has shape {tuple(given.shape)}; needed: motor torques [N m] of shape {needed}")
         return self._advance(torch.as_tensor(given, dtype=self.dtype, device=self.device).t())
 
     def detach(self) -> None:

@@ -109,7 +109,7 @@ class Training:
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"{folder / CHECKPOINT} was written by another version of fuzzyarm: {error}; start a new training run"
+                f"{folder / CHECKPOINT} does not fit this version of fuzzyarm: {error}; start a new training run"
             ) from None
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} contains a training run with {found['algorithm']}; choose another folder")
@@ -188,7 +188,7 @@ class Training:
         except OSError as error:
             if error.filename == str(self.folder / CHECKPOINT):
                 raise  # its message already says what is left
-            text = f"{error.strerror or error}; {CHECKPOINT} is intact: free some space and resume"
+            text = f"{error.strerror or error}; {CHECKPOINT} is intact: restore write access or free space, then resume"
             raise OSError(error.errno, text, error.filename or str(self.folder)) from None
 
     def _after_update(self, learned: dict[str, float]) -> None:

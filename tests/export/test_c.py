@@ -241,13 +241,13 @@ def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_pat
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (lambda x: np.arctan(x), "own.law needs a value while the code is generated .*: .*arctan"),
+        (lambda x: np.arctan(x), "own.law needs a value that is known only at run time: .*arctan"),
         (
             lambda x: x if x > 0.0 else -x,
             "a compiled function cannot branch on a number that it computes; use select or",
         ),
         (lambda x: number(word(x)), "own.law computes 'word', an operation that cannot be written in C"),
-        (lambda x: [1.0, 2.0][int(x)], "own.law needs a value while the code is generated"),
+        (lambda x: [1.0, 2.0][int(x)], "own.law needs a value that is known only at run time"),
     ],
 )
 def test_what_cannot_be_written_says_what(wrong, message):

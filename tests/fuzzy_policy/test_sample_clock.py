@@ -82,7 +82,7 @@ def test_lanes_of_a_batch_that_restart():
 def test_a_policy_that_stays_as_it_is_names_both_periods():
     policy = ComputedTorquePolicy(chosen_arm("paper", None))
     with pytest.warns(
-        RuntimeWarning, match=r"a control period of 1 ms, but .* 2 ms apart; load the policy with control_period"
+        RuntimeWarning, match=r"a control period of 1 ms, but .* 2 ms apart, .*; load the policy with control_period"
     ) as said:
         errors(policy, 2e-3)
     assert len(said) == 1 and policy.control_period == 1e-3

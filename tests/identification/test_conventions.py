@@ -159,7 +159,7 @@ def test_the_command_says_it_and_applies_it(logs, tmp_path, capsys, monkeypatch)
     out, err = capsys.readouterr()
     assert (
         out == ""
-        and "no valid arm. Possible cause: the angles seem to be in degrees; with this interpretation, the"
+        and "no valid arm. Perhaps the logs use other conventions: the angles seem to be in degrees; with this interpr"
         in err.splitlines()[-1]
     )
     assert main([*words, "--apply"]) == 0

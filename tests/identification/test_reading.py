@@ -4,6 +4,7 @@ import datetime
 import io
 import os
 import re
+import struct
 import zipfile
 from pathlib import Path
 
@@ -303,6 +304,11 @@ REFUSED = [
     ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(range(200)), "it is not a MATLAB file, or it is damaged"),
     (
         "log.mat",
+        struct.pack("<5i2s", 0, 40_000, 1000, 0, 2, b"q"),  # the header of a variable q of version 4
+        "log.mat: it has 40000000 numbers; allowed: at most 32000000. Remove unneeded variables",
+    ),
+    (
+        "log.mat",
         b"\x89HDF\r\n\x1a\n" + bytes(200),
         "a MATLAB file of version 7.3; save it with: save('log.mat', '-v7',",
     ),
@@ -329,7 +335,7 @@ REFUSED = [
     (
         "log.csv",
         table(columns=[TIME, ANGLE, np.where(np.arange(COUNT)[:, np.newaxis] % 15 == 7, -9999.0, TORQUE)]),
-        "tau1 has outliers in 40 row(s), the first (-9999) at t = 0.014 s; allowed: in 5 % of the rows",
+        "tau1 has outliers in 40 row(s), the first (-9999) at t = 0.014 s; allowed: at most 5 % of the rows",
     ),
     ("log.mcap", bytes(range(256)), "it is not a ROS 2 bag, or it is damaged"),
     ("log.db3", b"SQLite format 3\x00" + bytes(2000), "it is not a ROS 2 bag, or it is damaged"),

@@ -64,7 +64,7 @@ def test_it_is_the_bundle_of_the_same_layers(history, lanes, tmp_path):
     ("given", "message"),
     [
         ({"size": 11}, "its input has 11 numbers; an observation of FuzzyArmLearn-v0 has 10"),
-        ({"size": 10, "outputs": 3}, r"its output has shape \(1, 3\) for one lane; needed: \(1, 2\)"),
+        ({"size": 10, "outputs": 3}, r"one lane's output has shape \(1, 3\); needed: actions of shape \(1, 2\)"),
         ({"size": 10, "extra": ("h",)}, r"its inputs are x tensor\(float\) \['n', 10\], h"),
         (
             {"size": 10, "lanes": 4},

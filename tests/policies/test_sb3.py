@@ -85,8 +85,8 @@ def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
     with zipfile.ZipFile(empty, "w") as archive:
         archive.writestr("data", "{}")
     for path, words in (
-        (text, "not a model saved by stable-baselines3"),
-        (empty, "not a model saved by stable-baselines3"),
+        (text, "cannot be read as a model saved by stable-baselines3"),
+        (empty, "cannot be read as a model saved by stable-baselines3"),
         (other, "range from -1 to 1"),
         (relu, "activation_fn"),
         (bare, "are not those of an MlpPolicy"),

@@ -150,8 +150,8 @@ DAMAGED = {
     "a byte": (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?"), "is damaged"),
     "foreign": (lambda path: path.write_bytes(b"PK"), "is not a checkpoint of this version"),
     "older": (lambda path: path.write_bytes(b"fuzzyarm-checkpoint/1 0\n"), "is not a checkpoint of this version"),
-    "empty": (lambda path: write_checkpoint(path, {"config": {}}), "was written by another version"),
-    "a list": (lambda path: write_checkpoint(path, {"config": [1]}), "was written by another version"),
+    "empty": (lambda path: write_checkpoint(path, {"config": {}}), "does not fit this version"),
+    "a list": (lambda path: write_checkpoint(path, {"config": [1]}), "does not fit this version"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),
 }
 

@@ -354,7 +354,7 @@ def test_wrong_calls_are_named():
         with pytest.raises((TypeError, ValueError), match="seed = "):
             envs.reset(seed=seed)
     envs.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: \(2, 2\)"):
+    with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: .* of shape \(2, 2\)"):
         envs.step(torch.zeros(2))
     with pytest.raises(ValueError, match=r"action = \[1\.0, \[2\.0\]\] is not an array"):
         envs.step([1.0, [2.0]])

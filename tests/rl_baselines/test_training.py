@@ -181,7 +181,7 @@ def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeyp
         assert main(["train", "ppo", *flags, "--out", str(tmp_path / "run")]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
     assert re.search(
-        r"checkpoint.pt: No space left on device; the previous checkpoint is intact: free some space", message
+        r"checkpoint.pt: No space left on device; the previous checkpoint is intact: restore write access", message
     )
     assert not [path for path in (tmp_path / "run").iterdir() if path.name.endswith(".part")]
     assert main(["train", "ppo", *flags, "--out", str(tmp_path / "run")]) == 0

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fuzzyarm.identification.result import Identified
 
 __all__ = ["Options"]
+_APPLY = "To use the likeliest interpretation, add --apply"
 
 
 @dataclass(frozen=True)
@@ -163,10 +164,8 @@ def _identify(options: Options, start: AnyArm) -> int:
             doubt = diagnosed(logs, start, options.gear)
         conventions = {"conventions": _document(doubt, options.apply)}
         if doubt.doubtful:
-            said.append(
-                f"conventions: {doubt.sentence()}. "
-                + f"The likeliest interpretation is used{'' if options.apply else ' only with --apply'}"
-            )
+            used = "The likeliest interpretation is used" if options.apply else _APPLY
+            said.append(f"conventions: {doubt.sentence()}. {used}")
         elif options.apply:
             said.append(f"conventions: none is doubtful (misfit {doubt.misfit:.2g}); there is nothing to apply")
         if options.apply:
@@ -179,7 +178,7 @@ def _identify(options: Options, start: AnyArm) -> int:
     except ValueError as error:
         if doubt is None or not doubt.doubtful or options.apply:
             raise
-        raise ValueError(f"{error}. Possible cause: {doubt.sentence()}; to use the likeliest, add --apply") from None
+        raise ValueError(f"{error}. Perhaps the logs use other conventions: {doubt.sentence()}. {_APPLY}") from None
     if options.out is not None:
         write_atomically(options.out, found.to_toml())
     if options.figure is not None:

@@ -400,7 +400,7 @@ class _Undecided:
 
     def __bool__(self) -> bool:
         raise NoBound(
-            "the law compares two numbers, such as a torque and its limit, but on the tube either may be larger"
+            "the law compares numbers, such as a torque and its limit, and the tube does not determine which is larger"
         )
 
     def __and__(self, other: Any) -> Any:
@@ -475,7 +475,7 @@ class _Places:
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
         """Apply an operation to each value and `others`; `NoBound` if these depend on another floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
-            raise NoBound("the law looks up a table at two numbers, and the tube determines the row of neither")
+            raise NoBound("the law combines two table look-ups, and the tube determines the row of neither")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
         return _Places(self.source, map(operation, self.values, *columns))
 

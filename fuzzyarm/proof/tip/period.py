@@ -146,7 +146,7 @@ class Period:
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[self._rows.link].sum(axis=0) * torques))
         raise NoBound(
-            f"no tube was found: the wider it is, the larger the torque {torques[worst]:.3g} on {self._name(worst)}"
+            f"no tube was found: a wider one increases the torque on {self._name(worst)}, up to {torques[worst]:.3g}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:

@@ -152,7 +152,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         found = law_of(self.fallback)
         if found is None:
             raise ValueError(
-                "fallback must be a policy whose control law is defined as a `Law`, such as one of "
+                "fallback must be a policy whose control law is defined as a `Law`, such as one from "
                 f"`fuzzyarm.fuzzy_policy.laws`; {type(self.fallback).__name__} does not define one"
             )
         return found

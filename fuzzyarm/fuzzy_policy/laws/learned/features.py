@@ -149,7 +149,7 @@ def guided(base: Policy | None, name: str | None = None, *, beside: bool = False
     if law is None:
         raise ValueError(
             f"the base {name} is of type {type(base).__name__}, which does not define its control law as a `Law`; "
-            "allowed: a fuzzy policy, computed-torque, their -tip forms, or elastic-observer"
+            "allowed: a fuzzy policy or computed-torque, with or without the ending -tip, or elastic-observer"
         )
     command = within_limits(law, base.joints, base.integral_at)
 

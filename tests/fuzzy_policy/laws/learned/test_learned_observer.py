@@ -217,7 +217,7 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
         (edited(control_period=5.0), "control_period"),
         (
             edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}),
-            "it must define its arm by exactly one of parameters and arm",
+            "the arm must be given by exactly one of the entries parameters and arm",
         ),
     ],
 )

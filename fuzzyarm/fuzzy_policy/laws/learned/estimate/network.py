@@ -231,7 +231,7 @@ class EstimateBundle(Trained):
             if set(tensors) != names:
                 raise ValueError(f"the weights are {listed(tensors)}; needed: {', '.join(sorted(names))}")
             if (found.arm is None) == (found.parameters is None):
-                raise ValueError("it must define its arm by exactly one of parameters and arm")
+                raise ValueError("the arm must be given by exactly one of the entries parameters and arm")
             arm = found.arm or ArmParameters.from_dict(found.parameters or {})
             period = checked_period("control_period", found.control_period)
             return cls(EstimateNetwork(**tensors), arm, period, **trained)
