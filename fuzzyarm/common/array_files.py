@@ -105,7 +105,7 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
         if member.flag_bits & _ENCRYPTED:
             raise _NotRead(f"{member.filename[:40]!r} is encrypted")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise _NotRead(f"{member.filename[:40]!r} is compressed by the unknown method {member.compress_type}")
+            raise _NotRead(f"{member.filename[:40]!r} uses the unsupported compression method {member.compress_type}")
     total = sum(member.file_size for member in members)
     if total > most:
         raise _NotRead(f"its arrays unpack to {total} bytes; allowed for this file: at most {most}")

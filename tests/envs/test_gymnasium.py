@@ -175,7 +175,7 @@ def test_wrappers_and_batches_write_their_specs_too():
 def test_what_cannot_be_made_again_is_not_written(arguments):
     spec = gym.make("FuzzyArm-v0").spec
     spec.kwargs |= arguments
-    with pytest.raises(ValueError, match=r"(Own|object).* cannot be written as JSON: pass it to gymnasium.make again"):
+    with pytest.raises(ValueError, match=r"(Own|object).* cannot be written as JSON: leave it out of the spec"):
         spec.to_json()
 
 
