@@ -64,5 +64,5 @@ def test_the_command_prints_anchors_and_writes_the_file(tmp_path, capsys, monkey
     assert document["policies"]["computed-torque"]["N"] == 0.0
     assert document["anchors"]["learned-observer"]["N"] == 100.0
     text = capsys.readouterr().out
-    assert "fuzzy-4-tip" in text and "worst 0.0 of 2 policies" in text
+    assert "fuzzy-4-tip" in text and "over 2 policies: mean N" in text and "worst N 0.0" in text
     assert main(["score", "--policy", "fuzzy-5"]) == 2

@@ -28,7 +28,7 @@ from fuzzyarm.proof.tip.tube import _units, tip_bound
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
 ROBOT = robot_named("planar-3r")
-STEPS = 60
+STEPS = 40
 RNG = np.random.default_rng(0)
 
 
