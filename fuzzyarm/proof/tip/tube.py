@@ -378,9 +378,8 @@ class Tube:
                 z.box[:states] += total * ROUND_UP
             else:
                 fresh += [*made]
-                sources += [min(channel // self._layout.joints, _FORCE)] * len(
-                    made
-                )  # the first sources are those of the channels, in order
+                # The first sources are those of the channels, in order.
+                sources += [min(channel // self._layout.joints, _FORCE)] * len(made)
         if fresh:
             columns = np.zeros((len(z.box), len(fresh)))
             columns[:states] = np.array(fresh).T
