@@ -19,8 +19,10 @@ import signal
 import sys
 import zipfile
 from collections.abc import Sequence
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -67,11 +69,13 @@ WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
 class Run:
-    """A command that runs in a folder, in a process that has the package loaded already."""
+    """A command that runs in a folder, in a process that is forked with the package loaded."""
 
     def __init__(self, words: Sequence[str], folder: Path, **how: Any) -> None:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([f"{__package__}.preloaded"])
+        with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)):  # Python 3.11 does not hand it on
+            forkserver.ensure_running()
         self.process = context.Process(target=_command, args=(list(words), str(folder), how))
         self.process.start()
         self.folder = folder
