@@ -64,15 +64,15 @@ class Canvas:
         return np.ascontiguousarray(pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
 
     def disc(self, center: np.ndarray, radius: float, colour: _Colour) -> None:
-        """Fill a disc."""
+        """Fill a disc with this center (2,) and radius [px]."""
         pygame.draw.circle(self.surface, colour, np.rint(_SUPERSAMPLING * center), _SUPERSAMPLING * radius)
 
     def polygon(self, points: np.ndarray, colour: _Colour) -> None:
-        """Fill a polygon with corners (n, 2)."""
+        """Fill a polygon with these corners (n, 2) [px]."""
         pygame.draw.polygon(self.surface, colour, np.rint(_SUPERSAMPLING * points))
 
     def line(self, points: np.ndarray, width: float, colour: _Colour) -> None:
-        """Draw a polyline through (n, 2) with round ends and corners; a single point gives a dot."""
+        """Draw a polyline through points (n, 2) [px] with round ends and corners; a single point gives a dot."""
         points = _thinned(points)
         start, end = points[:-1], points[1:]
         along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-9)
@@ -110,7 +110,7 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 def _paint_error(
     canvas: Canvas, pixels: Callable[[np.ndarray], np.ndarray], tip: np.ndarray, reference: np.ndarray
 ) -> int:
-    """Paint the trace of reference + factor (tip - reference) (n, 2 or 3) [m], and its end; return the factor."""
+    """Paint the trace of the tip with magnified error, reference + factor (tip - reference) [m]; return the factor."""
     low, high = np.array([[_DOT, HEADER + _DOT], [WIDTH - _DOT, HEIGHT - FOOTER - _DOT]])
     for factor in _MAGNIFICATIONS:
         errors = pixels(reference + factor * (tip - reference))
@@ -139,7 +139,7 @@ def _paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: 
 
 
 def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> None:
-    """Paint title, time [s] and tip error [m] over parts of the arm that leave the field."""
+    """Paint title, time [s] and tip error [m], on top of any part of the arm that reaches into the header."""
     canvas.line(np.array([[0.0, 0.5 * HEADER], [WIDTH, 0.5 * HEADER]]), HEADER, _PAPER)
     canvas.line(np.array([[0.0, HEADER], [WIDTH, HEADER]]), 1.0, _FRAME)
     canvas.text(title, "midleft", (28.0, 41.0), _LARGE)
@@ -148,7 +148,7 @@ def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> 
 
 
 def _paint_footer(canvas: Canvas, factor: int, ground: str, falls: bool = True) -> None:
-    """Paint the legend and the direction of gravity if there is any, on top of the arm.
+    """Paint the legend and, if `falls`, the direction of gravity, on top of any part of the arm that is there.
 
     The legend states by which factor the error is magnified, and what the grey `ground` is.
     """
@@ -171,7 +171,7 @@ _TIP, _TIP_REFERENCE, _LINK, _FORCE_ROW = map(VECTORS.index, ("tip", "tip_refere
 def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, arm: AnyArm) -> None:
     """Paint the whole picture of an arm at a time [s] of the episode with this schedule.
 
-    The trace (k + 1, 9, 2), or with the last axis `Layout.longest` of the arm, contains the `VECTORS` up to this time.
+    The trace (instants, 9, `Layout.longest`) has the nine `VECTORS` at each instant of the episode up to this time.
     """
     canvas.surface.fill(_PAPER)
     if isinstance(arm, ArmParameters):
@@ -184,7 +184,7 @@ def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, ar
 
 
 def _case_title(disturbance: Disturbance, arm: AnyArm) -> str:
-    """Return the title of the case that has this disturbance for this arm."""
+    """Return the title of the case that has this disturbance for this arm, or "custom disturbance" without a match."""
     cases = (_case(arm, name) for name in CASES)
     return next((case.title for case in cases if case and case.disturbance == disturbance), "custom disturbance")
 
@@ -199,7 +199,7 @@ def _case(arm: AnyArm, name: str) -> Case | None:
 
 
 def _paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parameters: ArmParameters) -> None:
-    """Paint the field and the footer; arguments in the shapes and units of `paint`."""
+    """Paint the two-joint arm in its plane, and the footer; arguments in the shapes and units of `paint`."""
     length = parameters.length
     q = np.concatenate([schedule.references[:, :2], trace[:, _LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
@@ -252,7 +252,7 @@ _THICKNESS, _THINNEST = 0.055, 0.6  # first link, as share of the reach; last li
 
 
 def _paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
-    """Paint the field and the footer; arguments in the shapes and units of `paint`."""
+    """Paint a robot in perspective, and the footer; arguments in the shapes and units of `paint`."""
     joints, axes = len(robot), schedule.axes
     path, force = in_space(schedule.targets[:, :axes]), in_space(trace[-1, _FORCE_ROW, :axes])
     asked = poses_of(robot, schedule.references[::_EVERY, :joints])
@@ -284,7 +284,7 @@ def _paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot
 
 
 def _paint_links(canvas: Canvas, camera: Camera, now: Poses, thickness: float) -> None:
-    """Paint links and joints of a pose, far ones first."""
+    """Paint the links, the first one `thickness` [m] wide, and the joints of a pose, far ones first."""
     places, widths = camera.pixels(now.points), _pixels(camera, now.points, thickness)
     widths = widths * np.linspace(1.0, _THINNEST, len(widths))
     depth = camera.depth(now.points)

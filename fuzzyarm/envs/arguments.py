@@ -98,7 +98,7 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
 
 
 def action_space(arms: Sequence[AnyArm]) -> spaces.Box:
-    """Return the space of the motor torques [N m] that the strongest of these arms can give."""
+    """Return the space of motor torques [N m] up to the largest limit that any of these arms has, joint by joint."""
     limit = np.max([bounds_of(arm).torque for arm in arms], axis=0).astype(np.float32)
     return spaces.Box(-limit, limit)
 

@@ -49,7 +49,7 @@ def control_step(
     """Return an arm after one control step under the torques of a controller, `command` [N m].
 
     `now` is the row of the schedule at the start of the step, and its force is multiplied by `factor`; `target` is the
-    tip's target at the end of the step; the other arguments are as for `held_of`.
+    tip's target at the end of the step; `limits` are those of the arm; other arguments are as for `held_of`.
     """
     torque = physics.PerJoint(*map(clipped, command, limits.torque))
     applied = physics.PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
@@ -62,7 +62,7 @@ def assessed(
     physics: Physics, before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any,
     arm: Any, limits: Any,
 ) -> Moved:  # fmt: skip
-    """Return the arm after a step from the state `before` to the state `reached`."""
+    """Return the arm, with assessment and reason, after a step from the state `before` to the state `reached`."""
     sound = finite(reached)
     pairs = zip(flat(reached), flat(before), strict=True)
     state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
@@ -74,7 +74,7 @@ def assessed(
 
 @functools.cache
 def reading_of(physics: Physics) -> Callable[..., tuple[Any, Any]]:
-    """Return ``reading(state, limits, noise, key, steps)``: q and dq as measured by the motors' encoders.
+    """Return ``reading(state, limits, noise, key, steps)``: motor angles and velocities as the encoders measure them.
 
     `noise` is a `Noise`; its samples for the instant after `steps` steps are drawn from the stream with the key `key`
     (uint64). Readings are clipped to the observation space.
@@ -108,7 +108,7 @@ def _between(number: Any, low: Any, high: Any) -> Any:
 
 
 class Given(NamedTuple):
-    """Parameters at the beginning of an episode."""
+    """What an episode of a lane begins with: its plant, its schedule and the place of its payload."""
 
     plant: Any  # index of the lane's plant
     start: Any  # index of the schedule to begin, or of the first one of a family
@@ -144,7 +144,7 @@ def begun(
 
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
-    """Return ``drawn(key, ranges)``: a `draw_record` of low + (high - low) u, rounded down for the index."""
+    """Return ``drawn(key, ranges)``: a `draw_record` of uniform samples from these ranges, the index rounded down."""
     at = places(draw_record(joints))  # here, because torch cannot compile a look-up in a cache
 
     def drawn(key: Any, ranges: Any) -> Any:

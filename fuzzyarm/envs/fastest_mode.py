@@ -9,7 +9,7 @@ and the time step of `physics.integrator`, with two evaluations and a sub-step h
     C⁻¹ (x_{k+1} - 2 x_k + x_{k-1}) + h B (x_k - x_{k-1}) + h² K x_k = 0    (mass-normalised).
 
 All three matrices are symmetric, so a root μ of a mode satisfies a scalar equation m (μ - 1)² + b (μ - 1) + k μ = 0
-with b <= m/2 and k <= h² ω² m if h β < 2. Every mode therefore decays if h ω < 2 and h β < 2, for
+whose coefficients obey b <= m/2 and k <= h² ω² m if h β < 2. Every mode therefore decays if h ω < 2 and h β < 2, for
 
     ω² = λ_max(√K_t W √K_t),    β = λ_max(√B_t W √B_t) + max(F_v/I_a),    W = diag(1/I_a) + M_b(q)⁻¹.
 
@@ -38,7 +38,7 @@ _POSTURES = 64
 
 
 def fastest_rate(arms: Iterable[AnyArm], drawn: DomainRandomisation | None = None) -> float:
-    """Return the largest max(ω, β) [rad/s] of these arms at the worst corner of the drawn ranges; see the module."""
+    """Return the largest max(ω, β) [rad/s], see the module, of these arms at the worst corner of the ranges `drawn`."""
     r = DomainRandomisation() if drawn is None else drawn
     corner = r.mass[0], r.motor_inertia[0], r.stiffness[1], r.damping[1], r.viscous_friction[1]
     return max(_rate(arm, *corner) for arm in {id(arm): arm for arm in arms}.values())
@@ -48,7 +48,7 @@ def fastest_rate(arms: Iterable[AnyArm], drawn: DomainRandomisation | None = Non
 def _rate(
     arm: AnyArm, mass: float, motor_inertia: float, stiffness: float, damping: float, viscous_friction: float
 ) -> float:
-    """Return max(ω, β) [rad/s] of an arm, its quantities multiplied by these factors; infinite if M_b is singular."""
+    """Return max(ω, β) [rad/s] of an arm whose quantities are multiplied by these factors; inf if M_b is singular."""
     robot = robot_of(arm)
     low, high = angle_ranges(robot)
     postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, len(robot)))

@@ -55,7 +55,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Action space
     `Box(2,)`: motor torques Γ [N m] within ±(500, 250). Larger finite torques are clipped, which `info` reports; the
-    torque is held over the control period (1 ms). For actions in [-1, 1], as shares of `observation.ACTION_SCALE`, wrap
+    torque is held over the control period (1 ms). For actions in [-1, 1], fractions of `observation.ACTION_SCALE`, wrap
     the environment with `gymnasium.wrappers.RescaleAction`.
 
     ## Observation space
@@ -225,7 +225,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Hold the torques `action` [N m] for one control period."""
+        """Hold the motor torques `action` (joints,) [N m] for a control period; return as `gymnasium.Env` does."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
         # The numbers are named one by one, without dict(zip(...)) or a starred call, for speed: half of a step's time.
@@ -268,7 +268,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return observation, reward, not inside, truncated, info
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the machine code."""
+        """Return the attributes to copy or pickle: all except the machine code and what is bound to it."""
         return {name: value for name, value in self.__dict__.items() if name not in _BOUND}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -277,7 +277,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             self._bind()
 
     def _bind(self) -> None:
-        """Bind the machine code of the step to its arrays, and make views of its results."""
+        """Bind the machine code of a step to its input and output arrays, and make views of its results."""
         self._call = self._lanes.bound(self._torque, self._out)
         self._run, self._call_at = self._call.entry
         self._sent: Any = (c_double * self._torque.size).from_buffer(self._torque)  # type: ignore[arg-type]
@@ -286,7 +286,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._vectors = vectors.reshape(len(VECTORS), -1) if self._even else vectors[:, 0]
 
     def _refuse_nonfinite(self) -> None:
-        """Raise ValueError if the action was not finite; the arm has not moved then, and the clock is set back."""
+        """Raise ValueError if the action was not finite, and set the clock back, because the arm has not moved."""
         torque = self._sent[:]
         if not all(map(isfinite, torque)):
             self._lanes.clock[CLOCK.row] -= 1
@@ -306,7 +306,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._film.close()
 
     def _numbers(self, action: Any) -> tuple[float, ...]:
-        """Return an action as floats, or raise ValueError."""
+        """Return the torques of an action [N m] as floats; ValueError unless it has one real number per joint."""
         array, joints = checks.array_of("action", action), self._lanes.physics.joints
         words = _COUNTS.get(joints, str(joints))
         if array.shape != (joints,):
@@ -318,7 +318,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
-        """Add the episode's draws to `info`, and update the film."""
+        """Add the random draws of the episode to `info`, and the current instant to the trace for the pictures."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:

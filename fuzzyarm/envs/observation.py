@@ -39,7 +39,7 @@ OBSERVATION_SCALE.flags.writeable = ACTION_SCALE.flags.writeable = False
 
 
 def starts(joints: int) -> Observation:
-    """Return the index at which each part begins in the observation of an arm."""
+    """Return the index at which each part begins in the observation of an arm with this number of joints."""
     return Observation(*range(0, joints * PARTS, joints))
 
 

@@ -22,12 +22,12 @@ _RESOLVED, _STABLE = 1.0, 2.0
 
 
 def checked_period(name: str, period: Any) -> float:
-    """Return a control period [s] as float."""
+    """Return a control period [s] as a float; the message of an error calls it `name`."""
     return checks.real(name, period, "s", low=SHORTEST_PERIOD, high=_LONGEST_PERIOD)
 
 
 def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tuple[float, int]:
-    """Return a control period [s] as float, and its number of sub-steps; see `whole_substeps`."""
+    """Return a control period [s] as a float, and its number of sub-steps; see `whole_substeps`."""
     return checked_period("control_period", control_period), whole_substeps(control_period, substep, rate)
 
 
@@ -44,7 +44,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return the number of sub-steps [s] in a control period [s]; None: the default at a fastest rate [rad/s]."""
+    """Return how many sub-steps of `substep` [s] a control period [s] has; None: the default for a rate [rad/s]."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

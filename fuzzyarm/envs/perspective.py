@@ -66,12 +66,12 @@ class _Floor(NamedTuple):
     grid: np.ndarray  # ends of the lines between the squares (lines, 2, 3) [m]
 
     def below(self, points: np.ndarray) -> np.ndarray:
-        """Return the shadows on the floor (..., 3) of points (..., 3) [m]."""
+        """Return the shadows (..., 3) [m] of points (..., 3) [m] on the floor."""
         return np.asarray(points - (points @ self.up - self.height)[..., np.newaxis] * self.up)
 
 
 def floor_of(robot: Robot, points: np.ndarray) -> _Floor:
-    """Return the floor below points (..., 3) [m], with a few squares of 10^n m."""
+    """Return the floor of a robot below points (..., 3) [m], with a grid of squares 10^k m wide, k an integer."""
     up, length = upwards(robot), reach(robot)
     height = min(0.0, float((points @ up).min()))
     square = 10.0 ** np.floor(np.log10(0.3 * length))

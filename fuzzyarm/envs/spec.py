@@ -23,7 +23,7 @@ _KIND, _HOME = "record", "fuzzyarm.envs."  # key that names the class in the dat
 
 
 class Spec(EnvSpec):
-    """A spec whose JSON `gymnasium.make` and `make_vec` can rebuild through `EnvSpec.from_json`."""
+    """A Gymnasium spec whose JSON `gymnasium.make` and `make_vec` can rebuild through `EnvSpec.from_json`."""
 
     def to_json(self) -> str:
         """Return the spec as JSON; ValueError for an argument that is neither data nor a record of the package."""
@@ -31,7 +31,7 @@ class Spec(EnvSpec):
 
 
 def made_from_json(init: Callable[_Arguments, None]) -> Callable[_Arguments, None]:
-    """Let an environment accept arguments as written by `Spec.to_json`."""
+    """Wrap the `__init__` of an environment so that it also accepts arguments as written by `Spec.to_json`."""
 
     @functools.wraps(init)
     def made(*given: _Arguments.args, **named: _Arguments.kwargs) -> None:
@@ -63,7 +63,7 @@ def _plain(value: Any) -> Any:
 
 
 def _made(value: Any, inside: bool = False) -> Any:
-    """Undo `_plain`; a sequence becomes a tuple `inside` a record, and a list elsewhere."""
+    """Rebuild a value from the result of `_plain`; a list becomes a tuple if it is `inside` a record."""
     if isinstance(value, list):
         return (tuple if inside else list)(_made(entry, inside) for entry in value)
     if not isinstance(value, dict) or _KIND not in value:

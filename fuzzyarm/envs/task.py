@@ -1,6 +1,6 @@
 """The tracking task at one instant: tip position, tip error, reward, and whether the episode terminates.
 
-Elementwise source, see `elementwise`: the same code assesses one arm, a batch and tensors.
+Elementwise source, see `physics.elementwise`: the same code assesses one arm, a batch of arms, and tensors.
 `Termination` lists the reasons for a termination, the same in every back end.
 """
 
@@ -50,7 +50,7 @@ _ANGLE, _VELOCITY, _NOT_FINITE = map(float, (Termination.ANGLE, Termination.VELO
 
 
 def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
-    """Return the `Termination`, elementwise, as an exact float computed from flags that are 0.0 or 1.0."""
+    """Return the number of the `Termination` as an exact float, elementwise, from three flags that are 0.0 or 1.0."""
     inside = angles_inside * (1.0 - velocities_inside) * _VELOCITY + (1.0 - angles_inside) * _ANGLE
     return finite * inside + (1.0 - finite) * _NOT_FINITE
 
@@ -62,7 +62,7 @@ _EFFORT_WEIGHT = 0.1  # share by which full torque reduces the reward [a choice,
 
 @functools.cache
 def target_record(axes: int) -> Any:
-    """Return the record of the target: tip [m], unit normal of the curve, circle [m] (radius 0 for other curves)."""
+    """Return the record type of a target: tip [m], the curve's unit normal, center and radius [m] (0: not a circle)."""
     kind = point(axes)
     return record_type("Target", position=kind, normal=kind, center=kind, radius=Any)
 
@@ -83,7 +83,7 @@ class _Assessment(NamedTuple):
 
 
 def assess(physics: Physics, state: Any, torque: Any, bias: Any, arm: Any, limits: Any, target: Any) -> _Assessment:
-    """Return the assessment of an arm under clipped torques and added biases [N m].
+    """Return the `_Assessment` of an arm in `state` under clipped motor torques Γ and added torque biases [N m].
 
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm), effort = mean of (Γ/Γ_max)².
     """
@@ -108,7 +108,7 @@ def assess(physics: Physics, state: Any, torque: Any, bias: Any, arm: Any, limit
 
 
 def clipped(torque: Any, limit: Any) -> Any:
-    """Return the torque clipped to ± limit, without rounding."""
+    """Return a torque clipped to [-limit, limit]; a torque within these limits is returned exactly."""
     return torque * (abs(torque) <= limit) + limit * (torque > limit) - limit * (torque < -limit)
 
 
@@ -132,7 +132,7 @@ def _deviation(tip: Any, target: Any) -> Any:
 
 
 def _total(numbers: Iterable[Any]) -> Any:
-    """Return the sum, adding from the first number to the last."""
+    """Return the sum of the numbers, added in order from the first to the last."""
     return functools.reduce(operator.add, numbers)
 
 

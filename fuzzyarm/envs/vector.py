@@ -61,20 +61,20 @@ def _flags(scalars: np.ndarray) -> np.ndarray:
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-    """Return `info` by name, in the kernels' units, from the vectors of `Layout.each` and scalars (10, lanes)."""
+    """Return the entries of `info` by name, in SI units, from the vectors of `Layout.each` and scalars (10, lanes)."""
     clipped, _, terminated = _flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Return the entries and, for each, the mask (lanes,) under ``_key``, as in Gymnasium's infos."""
+    """Return the entries and, for each key, the mask (lanes,) under ``_key``, as in Gymnasium's infos."""
     return {**entries, **{f"_{key}": mask for key in entries}}
 
 
 def _partial_info(
     vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
-    """Return the info of the lanes in a mask (lanes,), in the units of the kernels; the rows of other lanes are zero.
+    """Return the info of the lanes in a mask (lanes,), in SI units; the rows of other lanes are zero.
 
     `vectors` is a result of `Layout.each`, `scalars` is (10, lanes), and `drawn` has the episodes' draws by quantity.
     """
@@ -86,14 +86,14 @@ def _partial_info(
 
 
 def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return `rows` (lanes, ...) with zeros outside the lanes `which` (n,)."""
+    """Return `rows` (lanes, ...) with the rows of all lanes except `which` (n,) set to zero."""
     some = np.zeros_like(rows)
     some[which] = rows[which]
     return some
 
 
 def _reasons(scalars: np.ndarray) -> dict[str, Any]:
-    """Return the reasons of terminations from the scalars (10, lanes) of the results; empty without a termination."""
+    """Return the info entry `reason`, masked, from the scalars (10, lanes); empty if no lane has terminated."""
     terminated = scalars[_REASON] != 0.0
     if not terminated.any():
         return {}
@@ -109,7 +109,7 @@ def _final_info(
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return last observations (lanes, 5 joints) and `_partial_info` of the episodes that `ended` (lanes,), masked."""
+    """Return the info entries `final_obs` and `final_info`, masked, of the lanes whose episodes `ended` (lanes,)."""
     final_obs = np.empty(len(ended), dtype=object)  # filled with None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
@@ -246,7 +246,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self.lanes.observation(), _partial_info(layout.each(vectors), scalars, drawn, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
+        """Hold the torques `actions` (num_envs, joints) [N m] for a control period; return as `VectorEnv` does."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         given = checks.array_of("actions", actions)
@@ -310,7 +310,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._begun, self._over = True, over
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads."""
+        """End the threads that share a step."""
         self.lanes.close()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -336,7 +336,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _step_after_ends(
         self, torque: np.ndarray, over: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step, with the lanes `over` (n,) beginning their next episode; refuse without autoreset."""
+        """Step, but begin the next episode in the lanes `over` (n,); ResetNeeded if there is no autoreset."""
         if self._mode is AutoresetMode.DISABLED:
             lanes = ", ".join(map(str, over[:8])) + (", ..." if len(over) > 8 else "")
             raise ResetNeeded(
@@ -369,7 +369,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return arguments.each_lane(chosen, arguments.per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
-        """Return the scenarios requested by reset options, or None."""
+        """Return the scenarios requested by reset options; None if there are no options."""
         if not options:
             return None
 

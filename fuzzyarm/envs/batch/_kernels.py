@@ -39,7 +39,7 @@ class Kernels:
 
     @functools.cached_property
     def step(self) -> Kernel:
-        """Hold torques in every lane for one control step.
+        """The kernel that holds torques in every lane for one control step.
 
         The kernel's arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (entries,
         lanes). Its constants are control period [s], sub-step [s] and number of sub-steps; its table is the schedule.
@@ -66,7 +66,7 @@ class Kernels:
 
     @functools.cached_property
     def begin(self) -> Kernel:
-        """Begin an episode in every lane.
+        """The kernel that begins an episode in every lane.
 
         The kernel's arrays are values, clock, the draws (entries, lanes), `Given` and the initial states (lanes,
         entries), observations and `Results` (entries, lanes). Its constants are the ranges of the draws; its tables are
@@ -90,7 +90,7 @@ class Kernels:
 
     @functools.cached_property
     def observe(self) -> Kernel:
-        """Write the current observations without a step; the arrays are values, clock, observations and schedule."""
+        """The kernel that writes current observations; its arrays are values, clock, observations and schedule."""
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
             at, first = number(word(clock.row)), number(word(clock.first))
@@ -99,7 +99,7 @@ class Kernels:
         return _kernel(observe, (self._lane, _CLOCK, self._seen), (), self._tables[2:], "BCR")
 
     def _observed(self, lane: Any, clock: Clock, steps: Any, now: Any) -> Observation:
-        """Return the observation after a number of steps, at a row of the schedule."""
+        """Return a lane's observation after this number of steps; `now` is the row of the schedule at that instant."""
         reading = reading_of(self.layout.physics)
         return Observation(*reading(lane.state, lane.limits, lane.noise, word(clock.key), steps), *now.reference)
 
@@ -117,14 +117,14 @@ _LAYOUTS = {"R": Layout.ROWS, "C": Layout.COLUMNS, "B": Layout.BLOCKS}
 
 
 def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[int, ...]], layouts: str) -> Kernel:
-    """Return the kernel of a function; `layouts` has R (rows), C (columns) or B (blocks) for each port."""
+    """Return the kernel of a function; `layouts` has R (rows), C (columns) or B (blocks) for each array (port)."""
     with np.errstate(over="ignore"):  # products of words may overflow
         program = Program(function, ports, constants, tables)
     return Kernel(program, [_LAYOUTS[one] for one in layouts])
 
 
 def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> Results:
-    """Return the `Results`; `over` says whether the schedule is at its end."""
+    """Return the `Results` of a step that ends at a time [s]; `over` says whether the schedule is at its end."""
     found, state = moved.found, moved.state
     vectors = StepVectors(
         tip=found.tip,

@@ -121,7 +121,7 @@ class Lanes:
         return self._begin(which)
 
     def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
-        """Return the code that steps all lanes under torques (lanes, joints) [N m] and writes to `out` (size,)."""
+        """Return the call that steps all lanes under torques (lanes, joints) [N m] and writes to `out` (size,)."""
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
@@ -163,7 +163,7 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in these arrays (see `control_step.begun`); `places` has schedules and payload positions."""
+        """Begin episodes in lanes `which` of values, clock, draws; `places` has first episodes and payload places."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         initial = (
@@ -225,7 +225,7 @@ class Lanes:
         return observation, vectors, scalars
 
     def observation(self) -> np.ndarray:
-        """Return the last observation (count, 5 joints) of each lane again."""
+        """Return the current observations (count, 5 joints) of all lanes, without a step."""
         seen = np.empty((self.count, self.layout.observed))
         self.kernels.observe((self.values, self.clock.view(np.float64), seen), np.empty(0), (self.table,))
         return seen

@@ -99,7 +99,7 @@ _POINTS = ("tip", "tip_reference", "external_force")  # the fields of `StepVecto
 
 
 class Layout:
-    """Records for an arm's equations, and the index of each entry in its array.
+    """Record types for the equations of an arm, and the index of each entry in its array.
 
     Attributes:
         Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
@@ -124,7 +124,7 @@ class Layout:
         return layout_of, (self.physics,)
 
     def size(self, lanes: int) -> int:
-        """Return the size of an array `out` for this number of lanes."""
+        """Return how many numbers the array `out` of the module has for this number of lanes."""
         return -(-self.observed * lanes // _LINE) * _LINE + self.reported * _apart(lanes)
 
     def arrays(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +152,7 @@ _LINE = 8  # numbers in a cache line
 
 
 def _apart(lanes: int) -> int:
-    """Return the distance between rows of `Results`: an odd number of lines, so that many rows stay cached."""
+    """Return the distance between rows of `Results`: an odd number of cache lines, so that many rows stay cached."""
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 

@@ -1,8 +1,8 @@
 """Random streams, one per episode of a lane: number k is a pure function of the stream's key and the counter k.
 
-SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), where mix is a bijection of
-the 64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the
-same bits.
+SplitMix64 (Steele, Lea and Flood, 2014): number k of the stream with key s is mix(s + (k + 1) γ), where γ is a constant
+and mix a bijection of 64-bit words. A lane needs no generator object, number k is available at once, and machine code
+and NumPy give the same bits.
 
 The numbers of an episode are used in this order: number 0 is the key of the lane's next episode; the numbers from 1 on
 are for the domain randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; from
@@ -32,12 +32,12 @@ _TWO_PI = 2.0 * np.pi
 
 
 def noise_counter(joints: int) -> int:
-    """Return the counter from which the encoder noise of an episode is drawn."""
+    """Return the first counter of the encoder noise of an episode, for an arm with this number of joints."""
     return max(_FIRST_NOISE, RANDOMISATION + size(draw_record(joints)))
 
 
 def _mix(word: Any) -> Any:
-    """Scramble 64-bit words (uint64); a bijection."""
+    """Return scrambled 64-bit words (uint64); the map is a bijection."""
     word = (word ^ (word >> 30)) * _FIRST
     word = (word ^ (word >> 27)) * _SECOND
     return word ^ (word >> 31)

@@ -27,13 +27,13 @@ _FORCE_SAMPLES = 8  # per control step; a kink of the force within a step then c
 
 @functools.cache
 def reference_record(joints: int) -> Any:
-    """Return the record of q_d, q̇_d and q̈_d [rad, rad/s, rad/s²], in the order of the observation."""
+    """Return the record type of q_d, q̇_d and q̈_d [rad, rad/s, rad/s²], in the order of the observation."""
     return record_type("ReferenceRow", **dict.fromkeys(("q", "dq", "ddq"), per_joint(joints)))
 
 
 @functools.cache
 def row_record(joints: int, axes: int) -> Any:
-    """Return the record of a row: joint `reference` and tip `target` at t_k, loads until t_(k+1).
+    """Return the record type of a row k: joint `reference` and tip `target` at time t_k, loads until t_(k+1).
 
     `force` acts on the tip; `bias` is a torque [N m] added to the motor torques.
     """
@@ -76,7 +76,7 @@ class Schedule:
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4 or 6), mean and change [N] of the line that has the impulse and first moment of step k's force."""
+        """(steps, 4 or 6), mean and change [N] of the line with the impulse and first moment of step k's force."""
         return self.table[:-1, self.columns.force]
 
     @property
@@ -88,7 +88,7 @@ class Schedule:
     def build(
         cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int | None = None
     ) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s]; `axes` defaults to the reference's."""
+        """Sample a reference and a disturbance every `control_period` [s]; `axes` is 2 or 3, by default the path's."""
         axes = reference.tip(0.0).position.shape[-1] if axes is None else axes
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
@@ -115,7 +115,7 @@ class Schedule:
 
 
 def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
-    """Return (len(starts), 2 axes): mean force over each step, and change of the least-squares line through samples."""
+    """Return (steps, 2 axes) [N]: the mean force over each step, and the change of the least-squares line in it."""
     shares = (np.arange(_FORCE_SAMPLES) + 0.5) / _FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
@@ -130,7 +130,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
 
 
 def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
-    """Return (len(times), length of a target): reference tip, normal of the curve, circle or zeros."""
+    """Return the targets (times, 7 or 10): tip of the reference, normal of the curve, center and radius or zeros."""
     position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
     circle = np.zeros(axes + 1)
     if reference.circle is not None:

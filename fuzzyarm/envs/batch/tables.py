@@ -31,7 +31,7 @@ _Item = TypeVar("_Item")
 
 
 class _Episode(NamedTuple):
-    """A reference, its schedule, and the initial data of its episode; `Tables` sets the rows in the data."""
+    """A reference, its schedule, and the initial data of its episode, in which `Tables` fills in the rows."""
 
     reference: Reference
     schedule: Schedule
@@ -59,7 +59,7 @@ class Tables:
             shared.flags.writeable = False
 
     def first_rows(self, scenarios: np.ndarray) -> np.ndarray:
-        """Return the first rows (n,) in the table of scenarios (n,) given by number."""
+        """Return the index in `table` of the first row of each scenario, (n,), for scenario numbers (n,)."""
         return np.asarray(self.starts[self.firsts[scenarios], START.first], dtype=np.int64)
 
 
@@ -86,7 +86,7 @@ class Assignment:
         self._scenario_of, self._place_of = self._own  # shared until a lane visits another scenario
 
     def back(self, lanes: np.ndarray) -> None:
-        """Return these lanes (n,) to their own scenarios; other tables are kept."""
+        """Return these lanes (n,) to their own scenarios; tables that are no longer used are kept."""
         if self.tables is not self.own:
             self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 

@@ -36,7 +36,7 @@ class Workers:
         self._owner = os.getpid()
 
     def run(self, call: Call) -> None:
-        """Run a kernel for all lanes."""
+        """Run a kernel, bound to its arrays, for all lanes, which the threads share."""
         if self.threads == 1 or len(self._pieces) == 1:
             call()
             return
@@ -65,13 +65,13 @@ class Workers:
 
 
 def _work(call: Call, left: Iterator[tuple[int, int]]) -> None:
-    """Process pieces until no piece is left; a list iterator gives each piece to only one thread."""
+    """Run a kernel on pieces (first, stop) of the lanes until no piece is left; each thread takes the next piece."""
     for first, stop in left:
         call.part(first, stop)
 
 
 def _most(wanted: int) -> int:
-    """Return the requested number of threads, at most one per available core, container quotas included."""
+    """Return the wanted number of threads, at least 1 and at most one per core available to the container."""
     if wanted <= 1:
         return 1
     from joblib import cpu_count  # imported here, because a single arm or a small batch does not need it

@@ -58,7 +58,7 @@ class Chain(NamedTuple):
     turns: Sequence[_Turn] = ()  # of each joint
 
     def regrouped(self) -> list[Body]:
-        """Return bodies with the same equations of motion, without masses."""
+        """Return bodies without masses that have the same equations of motion; see the module."""
         left: list[Body] = []
         rest = list(self.bodies)
         for j in reversed(range(len(rest))):
@@ -75,7 +75,7 @@ class Chain(NamedTuple):
 
         If the links from j on, as one rigid body, are accelerated about axis j, this requires the force f = z × h at
         the origin of frame j and the moment n = L z. Each axis i <= j carries the z component of the moment about its
-        own origin.
+        own origin; h and L are as in `Body`.
         """
         rows: list[list[Any]] = []
         whole = self.bodies[-1]
@@ -102,7 +102,7 @@ class Chain(NamedTuple):
 
         Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, plus f and n of the links beyond.
 
-        Gravity g [m/s²] is in the base frame, the tip force F [N] in the last frame, see `in_last_frame`.
+        Gravity g [m/s²] is in the base frame, the tip force F [N] in the last frame; h and L are as in `Body`.
         """
         turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
         motion: _Matrix = (NOTHING, NOTHING, NOTHING)
@@ -167,7 +167,7 @@ class Chain(NamedTuple):
 def solver(matrix: Sequence[Sequence[Any]]) -> Callable[[Sequence[Any]], list[Any]]:
     """Return the function that solves M x = b, from the lower triangle of M = Lᵀ D L, which is factorised once.
 
-    L is unit lower triangular, D diagonal, and the last entry of D the last one of M.
+    L is unit lower triangular, D diagonal, and the last entry of D is the last entry of M.
     """
     rest = [list(row) for row in matrix]
     inverse: list[Any] = [0.0] * len(rest)
@@ -199,13 +199,13 @@ def _square(turning: Vector) -> Inertia:
 
 
 def _motion(square: Inertia, rising: Vector) -> _Matrix:
-    """Return U = [α]× + [ω]×², given ω ωᵀ and α."""
+    """Return U = [α]× + [ω]×² from `square` = ω ωᵀ of an angular velocity ω, and `rising` = α, its derivative."""
     (xx, xy, xz, yy, yz, zz), (ax, ay, az) = square, rising
     return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
 
 
 def _euler(inertia: Inertia, square: Inertia, motion: _Matrix, rising: Vector) -> Vector:
-    """Return L α + ω × L ω [N m], written out with ω ωᵀ and U."""
+    """Return L α + ω × L ω [N m] for an inertia L, with `square` = ω ωᵀ, `motion` = U of `_motion`, `rising` = α."""
     (ax, ay, az), L, U, w = rising, inertia, motion, square
     return (
         L.xx * ax - L.xy * U[2][0] + L.xz * U[1][0] + L.yz * (w.yy - w.zz) + (L.zz - L.yy) * w.yz,
@@ -221,7 +221,7 @@ def joined(first: Body, second: Body) -> Body:
 
 
 def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Body:
-    """Transform a body from frame j to frame j - 1: L' = A L Aᵀ + m (d·d 1 - d dᵀ) + 2 d·k 1 - d kᵀ - k dᵀ, k = A h."""
+    """Return a body in the frame before, in which its own frame has this rotation and position (parallel axes)."""
     d, k, m = position, rotated(rotation, body.moment), body.mass
     e = rotated_inertia(rotation, body.inertia)
     moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])
@@ -231,7 +231,7 @@ def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Bo
 
 
 def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Inertia:
-    """Return A L Aᵀ."""
+    """Return A L Aᵀ, with A the rotation and L the inertia."""
     columns = [(inertia.xx, inertia.xy, inertia.xz), (inertia.xy, inertia.yy, inertia.yz)]
     columns.append((inertia.xz, inertia.yz, inertia.zz))
     half = [rotated(rotation, column) for column in columns]  # columns of A L
@@ -241,7 +241,7 @@ def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Iner
 
 
 def _turned_inertia(turn: _Turn, inertia: Inertia) -> Inertia:
-    """Return Z L Zᵀ, with only eight products for the part in the plane, whose trace does not change."""
+    """Return Z L Zᵀ, with Z the turn about z and L the inertia; L_xx + L_yy does not change, which saves products."""
     (sine, cosine), L = turn, inertia
     first, second = cosine * L.xx - sine * L.xy, cosine * L.xy - sine * L.yy
     xx, xy = cosine * first - sine * second, sine * first + cosine * second
@@ -255,12 +255,12 @@ def _turned(turn: _Turn, vector: Vector) -> Vector:
 
 
 def transposed(rotation: Sequence[Sequence[Any]]) -> tuple[tuple[float, ...], ...]:
-    """Return Aᵀ."""
+    """Return the transpose of a rotation matrix."""
     return tuple(zip(*rotation, strict=True))
 
 
 def rotated(rotation: Sequence[Sequence[Any]], vector: Vector) -> Vector:
-    """Return A x."""
+    """Return the vector A x, with A the rotation and x the vector."""
     x, y, z = ((row[0] * vector[0] + row[1] * vector[1]) + row[2] * vector[2] for row in rotation)
     return x, y, z
 
@@ -278,7 +278,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 class Folded:
-    """A number that is unknown at recording time, or its negative; operators accept `Folded` and floats."""
+    """A number that is unknown while a program is recorded, or its negative; operators accept `Folded` and floats."""
 
     __slots__ = ("negative", "value")
 
@@ -315,7 +315,7 @@ class Folded:
 
 
 def unfolded(number: Any) -> Any:
-    """Return the number inside a `Folded`; a float unchanged."""
+    """Return the number for which a `Folded` stands; a float is returned unchanged."""
     if isinstance(number, Folded):
         return -number.value if number.negative else number.value
     return number

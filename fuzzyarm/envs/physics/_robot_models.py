@@ -47,7 +47,7 @@ _Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and i
 
 
 class _Model:
-    """A model of a chain of joints; `complaints` lists its problems, by joint where possible."""
+    """A URDF or MJCF model of a chain of joints; `complaints` lists its problems, by joint where possible."""
 
     def __init__(self, mujoco: Any, text: str, fixed: Collection[str]) -> None:
         """Compile the text of a URDF or MJCF file with the named joints fixed; ValueError if it is neither."""
@@ -114,7 +114,7 @@ class _Model:
                 )
 
     def _misplaced(self) -> Iterator[str]:
-        """Yield complaints about joints that are not attached to the previous one."""
+        """Yield complaints about joints that do not follow the previous joint in a chain."""
         for before, after in itertools.pairwise(self.chain):
             above = after.parent.parent
             while above is not None and not any(joint.name not in self.fixed for joint in above.joints):
@@ -126,7 +126,7 @@ class _Model:
                 )
 
     def _unlike(self) -> Iterator[str]:
-        """Yield complaints about joints that are not revolute, or that define the angle 0 differently."""
+        """Yield complaints about joints that are not revolute, or whose angle in the model's own pose is not 0."""
         for joint in self.chain:
             if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
                 kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
@@ -201,13 +201,13 @@ class _Model:
         return spec.compile()
 
     def _carrier(self, body: int) -> int:
-        """Return the link of the chain to which a body is fixed; 0 is the base."""
+        """Return the index of the link to which the body with this index is fixed; 0 is the base."""
         while body and body not in self.links:
             body = int(self.model.body_parentid[body])
         return body
 
     def moving_with(self, link: int) -> list[_Part]:
-        """Return the bodies that are fixed to a link, in the base frame."""
+        """Return the mass, mass center and inertia, in the base frame, of each body that is fixed to a link."""
         parts, model, data = list[_Part](), self.model, self.data
         for k in range(1, model.nbody):
             mass = float(model.body_mass[k])
@@ -217,7 +217,7 @@ class _Model:
         return parts
 
     def place(self, name: str) -> np.ndarray:
-        """Return the position of a link or site in the base frame; ValueError unless it moves with the last joint."""
+        """Return a link's or site's position (3,) [m] in the base; ValueError unless it moves with the last joint."""
         site = self._number("mjOBJ_SITE", name)
         body = int(self.model.site_bodyid[site]) if site >= 0 else self._number("mjOBJ_BODY", name)
         if body < 0:
@@ -231,7 +231,7 @@ class _Model:
         return point
 
     def _stated(self, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
-        """Return the quantities of a joint in the model (None: absent), and the reasons why some cannot be read."""
+        """Return a joint's values in the model by quantity (None: absent), and why some quantities cannot be read."""
         model, k, differs = self.model, int(self.model.jnt_dofadr[joint]), {}
         low, high = model.jnt_actfrcrange[joint].tolist()
         values = {
@@ -251,7 +251,7 @@ class _Model:
         return values, differs
 
     def stated(self, name: str, joint: int) -> dict[str, Any]:
-        """Return the quantities of a joint in the model; None for a quantity that is absent or cannot be read."""
+        """Return a joint's values in the model by quantity; None for a quantity that is absent or cannot be read."""
         values, differs = self._stated(name, joint)
         return values | dict.fromkeys(differs)
 
@@ -263,7 +263,7 @@ class _Model:
         return [name for name in (*sites, *reversed(bodies)) if name]
 
     def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
-        """Return the values for a joint, the overlay's before the model's; ValueError lists missing ones."""
+        """Return a joint's values, of the overlay `given` or else of the model; ValueError lists missing quantities."""
         if given is None:
             raise ValueError(
                 f"it has no drive, and a model cannot state a drive's stiffness: add [joints.{name}] to the robot file"
@@ -283,7 +283,7 @@ class _Model:
 
 
 def _is_opened(geom: Any) -> bool:
-    """Return whether the shape of a geom is stored in a file."""
+    """Return whether the shape of a geom (a body's shape in MuJoCo) is read from a file, such as a mesh."""
     return bool(geom.meshname) or geom.type.name in ("mjGEOM_MESH", "mjGEOM_HFIELD", "mjGEOM_SDF")
 
 
@@ -323,7 +323,7 @@ def _text(path: Path) -> str:
 
 
 def _speeds(text: str) -> Iterator[tuple[str, float]]:
-    """Yield the name and velocity limit of each URDF joint that has both."""
+    """From the text of a URDF file, yield the name and velocity limit [rad/s] of each joint that has both."""
     for joint in re.findall(r"<joint\s.*?</joint", text, re.DOTALL):
         name, speed = re.search(r"\sname\s*=\s*[\"']([^\"']*)", joint), _SPEED.search(joint)
         if name and speed:
@@ -346,7 +346,7 @@ _DRIVEN = [field.name for field in dataclasses.fields(_JointOverlay)]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Overlay:
-    """A robot file that refers to a model."""
+    """The content of a robot file that names a URDF or MJCF model and adds values to it."""
 
     model: str  # path of the URDF or MJCF file, from the folder of the robot file
     tip: str | Vector  # name of a link or site of the model, or a point [m], shape (3,), in the last link's frame
@@ -381,13 +381,13 @@ def read_robot(path: str | Path) -> Robot:
 def robot_of_model(
     tree: _Model, tip: Any, joints: Mapping[str, Any], sources: tuple[str, ...], assumptions: tuple[str, ...]
 ) -> Robot:
-    """Return the robot of a model with the values in `joints`; the texts state where they come from."""
+    """Return the robot of a model with the values in `joints`; `sources` and `assumptions` state their origin."""
     overlay = {"model": "", "tip": tip, "joints": joints, "sources": sources, "assumptions": assumptions}
     return _robot(tree, record(overlay, _Overlay))
 
 
 def _robot(tree: _Model, overlay: _Overlay) -> Robot:
-    """Return the robot; all frames are those of the model with every joint at angle 0."""
+    """Return the robot of a model and its overlay; all frames are those of the model with every joint at angle 0."""
     model, data, complaints = tree.model, tree.data, tree.complaints
     known = " ".join(complaints)
     if unknown := set(overlay.joints) - set(tree.joints):
@@ -416,7 +416,7 @@ def _robot(tree: _Model, overlay: _Overlay) -> Robot:
 
 
 def _link(parts: list[_Part], rotation: np.ndarray, origin: Any) -> Link:
-    """Return parts that move together, given in the base frame, as one link in its joint's frame."""
+    """Return parts that move together, given in the base frame, as one link in the frame `rotation`, `origin`."""
     mass = sum(part[0] for part in parts)
     center = sum(m * at for m, at, _ in parts) / mass
     total = np.zeros((DIMENSIONS, DIMENSIONS))
@@ -429,7 +429,7 @@ def _link(parts: list[_Part], rotation: np.ndarray, origin: Any) -> Link:
 
 
 def _neat(values: np.ndarray) -> np.ndarray:
-    """Return rotations or axes; an entry within rounding of 0, 1 or -1 is replaced by that number."""
+    """Return rotations or axes in which each entry within rounding of 0, 1 or -1 is replaced by that number."""
     near = np.rint(values)
     return np.where(np.abs(values - near) <= _ROUNDING, near, values) + 0.0
 

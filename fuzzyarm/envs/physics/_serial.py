@@ -69,7 +69,7 @@ def physics_of(robot: Robot) -> Physics:
 
 
 def structure_of(robot: Robot) -> Structure:
-    """Return the structure of a robot; hashable, equal for robots with the same equations."""
+    """Return the structure of a robot, which is hashable and equal for robots with the same equations."""
     now = robot.arrays
     frames = [_frame(axis) for axis in now.axis]
     before = [np.eye(DIMENSIONS), *frames[:-1]]
@@ -150,13 +150,13 @@ class _Serial:
         return self.Plant(*(numbers[name] for name in self.structure.numbers))
 
     def constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> Any:
-        """Return the `Arm` of a plant with two point masses [kg], placed as in `_bodies`."""
+        """Return the `Arm` of a plant with the point masses `payload` and `tip_payload` [kg], see `_bodies`."""
         numbers = self._constants(plant, payload, place, tip_payload)
         motors = (_motor(plant, k) for k in range(1, self.joints + 1))
         return self.Arm(*(numbers[name] for name in self._link_constants), *itertools.chain(*motors))
 
     def _constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> dict[str, Any]:
-        """Return the constants by name, except those of the motors and those that are zero for this structure."""
+        """Return the constants of the links by name, without those that are zero for this structure; see `_bodies`."""
         frames = self.structure.frames
         before = enumerate([_UNTURNED, *frames[:-1]], start=1)
         positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
@@ -171,7 +171,7 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links; the last carries masses [kg], one between center (place 0) and tip (1), one at its tip."""
+        """Return the links; the last carries `payload` from its center (place 0) to the tip (1), and `tip_payload`."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
@@ -185,7 +185,7 @@ class _Serial:
         return bodies
 
     def _links(self, arm: Any) -> Chain:
-        """Return the frames and the regrouped links of an arm, without joint angles."""
+        """Return the frames and the regrouped links of an arm as a chain whose joint angles are not set."""
         joints = range(1, self.joints + 1)
         positions, tip = [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip")
         bodies = [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]
@@ -195,7 +195,7 @@ class _Serial:
         return _turned(self._links(arm), angles)
 
     def _in_space(self, force: Any) -> Vector:
-        """Return a force with three components, the third one 0 for a planar arm."""
+        """Return a force as a vector with three components; the third one is 0 for a planar arm."""
         x, y, z = (*_folded(force), 0.0)[:DIMENSIONS]
         return x, y, z
 
@@ -207,7 +207,7 @@ class _Serial:
         return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
-        """Return the acceleration function for `advanced`, under a tip force and torques on the links."""
+        """Return the argument `at` of `advanced` for a tip force [N] and torques `load` on the links [N m]."""
         links, still, gravity = self._links(arm), [0.0] * self.joints, _vector(arm, "gravity")
 
         def at(link: Any) -> Callable[[Any, Any], Any]:
@@ -233,7 +233,7 @@ class _Serial:
         return self.Point(*_like(vector[: len(self.Point._fields)], angles))
 
     def tip_load(self, angles: Any, force: Any, arm: Any) -> Any:
-        """Return J(q)ᵀ F: the negative of the torque that holds an arm at rest, without gravity, under the force."""
+        """Return J(q)ᵀ F [N m], the joint torques that correspond to a force F [N] on the tip at joint angles q."""
         still, now = [0.0] * self.joints, self._at(angles, arm)
         held = now.torques(still, still, NOTHING, now.in_last_frame(self._in_space(force)))
         return self.PerJoint(*_like([-torque for torque in held], angles))
@@ -314,7 +314,7 @@ def _turned(links: Chain, angles: Any) -> Chain:
 
 
 def _like(numbers: Iterable[Any], angles: Any) -> list[Any]:
-    """Return numbers broadcast to the shape of the angles; some numbers may be constants."""
+    """Return the numbers, even constant ones, as floats or arrays with the shape of one joint's angle."""
     return [unfolded(number) + 0.0 * angles[0] for number in numbers]
 
 
@@ -328,6 +328,6 @@ def _frame(axis: np.ndarray) -> np.ndarray:
 
 
 def _exact(rotation: np.ndarray) -> _Rows:
-    """Return a rotation; an entry within rounding of 0, 1 or -1 is replaced by that number."""
+    """Return a rotation as rows in which each entry within rounding of 0, 1 or -1 is replaced by that number."""
     near = np.rint(rotation)
     return as_rows(np.where(np.abs(rotation - near) <= _ROUNDING, near, rotation) + 0.0)

@@ -62,7 +62,7 @@ class Motor(NamedTuple):
 
 
 class Arm(NamedTuple):
-    """The constants the equations use; every entry a scalar, or an array with one value per lane.
+    """The constants that the equations of motion use; each entry is a scalar or an array with one value per lane.
 
     c1..c3 are the inertias of the mass matrix [kg m²], c4 and c5 the gravity torques [N m]. Then follow motor inertias
     [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], dry friction, and link
@@ -97,7 +97,7 @@ Plant: Any = record_type(
 
 
 def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
-    """Return c1..c5 of (3) from pairs of any number type, exact rationals included.
+    """Return c1..c5 of (3) from pairs of length L, mass m, mass center r and inertia I, numbers of any type.
 
     c1 = m1 r1² + I1 + m2 L1² + m2 r2² + I2, c2 = m2 L1 r2, c3 = m2 r2² + I2, c4 = m1 g r1 + m2 g L1, c5 = m2 g r2.
     """
@@ -113,7 +113,7 @@ def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, 
 
 
 def lump(plant: Any) -> Arm:
-    """Return the constants of (3) for a plant without payload."""
+    """Return the `Arm` of a plant without payload: c1..c5 of (3), then its other constants."""
     c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
     return Arm(
         c1, c2, c3, c4, c5, plant.motor_inertia[0], plant.motor_inertia[1], plant.viscous_friction[0],
@@ -123,7 +123,7 @@ def lump(plant: Any) -> Arm:
 
 
 def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
-    """Return constants with m [kg] at r [m] from joint 2: m (L1² + r²), m L1 r, m r², m g L1 and m g r are added."""
+    """Return `arm` with a mass m [kg] at r [m] from joint 2: c1..c5 plus m (L1² + r²), m L1 r, m r², m g L1, m g r."""
     length = arm.length1
     return Arm(
         arm.c1 + mass * (length * length + radius * radius),
@@ -136,7 +136,7 @@ def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
 
 
 def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
-    """Return the constants of (3) for parameters and a payload, see `lump` and `loaded`."""
+    """Return the `Arm` of these parameters with a payload, see `lump` and `loaded`."""
     arm = _unloaded(parameters)
     if payload is not None:
         arm = loaded(arm, payload.mass, payload.radius(parameters), parameters.gravity)
@@ -145,7 +145,7 @@ def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> 
 
 @functools.lru_cache(maxsize=64)
 def _unloaded(parameters: ArmParameters) -> Arm:
-    """Return the constants without a payload; cached, because simulations need them at every step."""
+    """Return the `Arm` of these parameters without payload; cached, because simulations need it at every step."""
     arm: Arm = lump(plant_of(parameters))
     return arm
 
@@ -157,7 +157,7 @@ def plant_of(parameters: ArmParameters) -> Any:
 
 
 def mass_matrix(cos2: Any, arm: Arm) -> tuple[Any, Any, Any]:
-    """Return (M11, M12, M22) of the links [kg m²], M_b of (3), at cos q2."""
+    """Return the entries (M11, M12, M22) of the links' mass matrix M_b [kg m²] of (3), at the cosine of q2."""
     return arm.c1 + 2.0 * arm.c2 * cos2, arm.c3 + arm.c2 * cos2, arm.c3 + 0.0 * cos2
 
 
@@ -168,13 +168,13 @@ def coriolis_torque(sin2: Any, velocity1: Any, velocity2: Any, arm: Arm) -> tupl
 
 
 def gravity_torque(sin1: Any, sin12: Any, arm: Arm) -> tuple[Any, Any]:
-    """Return g(q) = (c4 sin q1 + c5 sin q12, c5 sin q12) [N m]."""
+    """Return the gravity torques g(q) = (c4 sin q1 + c5 sin q12, c5 sin q12) [N m], with q12 = q1 + q2."""
     second = arm.c5 * sin12
     return arm.c4 * sin1 + second, second
 
 
 def solve_mass_matrix(cos2: Any, torque1: Any, torque2: Any, arm: Arm) -> tuple[Any, Any]:
-    """Return M_b(q)⁻¹ τ [rad/s²] for link torques τ [N m]."""
+    """Return the link accelerations M_b(q)⁻¹ τ [rad/s²] for link torques τ [N m], at the cosine of q2."""
     m11, m12, m22 = mass_matrix(cos2, arm)
     inverse = 1.0 / (m11 * m22 - m12 * m12)
     return (m22 * torque1 - m12 * torque2) * inverse, (m11 * torque2 - m12 * torque1) * inverse
@@ -183,7 +183,7 @@ def solve_mass_matrix(cos2: Any, torque1: Any, torque2: Any, arm: Arm) -> tuple[
 def tip_force_torque(
     sin1: Any, cos1: Any, sin12: Any, cos12: Any, force_x: Any, force_y: Any, arm: Arm
 ) -> tuple[Any, Any]:
-    """Return J(q)ᵀ F [N m] for a force F [N] on the tip, J the Jacobian of (26)."""
+    """Return the joint torques J(q)ᵀ F [N m] of a force F [N] on the tip, J the Jacobian of (26), q12 = q1 + q2."""
     second = arm.length2 * (cos12 * force_y - sin12 * force_x)
     return arm.length1 * (cos1 * force_y - sin1 * force_x) + second, second
 
@@ -204,7 +204,7 @@ def joint_torque(state: Any, arm: Any) -> Any:
 
 
 def motor_friction(state: Any, torque: Any, bias: Any, arm: Any) -> Any:
-    """Return Γ_f [N m] of the motors of any arm under their torques and added biases [N m]."""
+    """Return the friction torques Γ_f [N m] of an arm's motors, given motor torques and added biases [N m]."""
     joint = joint_torque(state, arm)
     return type(joint)(
         *(
@@ -236,7 +236,7 @@ def tip_position(q: np.ndarray, length: tuple[float, float]) -> np.ndarray:
 
 
 def tip_jacobian(q: np.ndarray, length: tuple[float, float]) -> np.ndarray:
-    """Return J = ∂(x, y)/∂q [m], shape (..., 2, 2)."""
+    """Return the Jacobian of the tip, J = ∂(x, y)/∂q [m], shape (..., 2, 2), at joint angles of shape (..., 2)."""
     q1, q12 = q[..., 0], q[..., 0] + q[..., 1]
     column2 = np.stack([-length[1] * np.sin(q12), length[1] * np.cos(q12)], axis=-1)
     column1 = np.stack([-length[0] * np.sin(q1), length[0] * np.cos(q1)], axis=-1) + column2

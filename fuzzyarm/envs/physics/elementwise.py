@@ -33,7 +33,7 @@ def select(condition: Any, first: Any, second: Any) -> Any:
 
 @apart
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
-    """Return (sin, cos) for |angle| < 1e6 rad: Taylor polynomials of degree 15 and 16 on |x| <= π/4."""
+    """Return (sin, cos) for |angle| < 1e6 rad, by Taylor polynomials of degree 15 and 16, used within ±π/4."""
     turns = np.rint(angle * _TWO_BY_PI)
     x = ((angle - turns * _HALF_PI[0]) - turns * _HALF_PI[1]) - turns * _HALF_PI[2]
     # Estrin's scheme: its chain of dependent operations is half as long as that of Horner's scheme.
@@ -81,12 +81,12 @@ def gaussian(x: Any) -> Any:
 
 
 def logarithm(x: Any) -> Any:
-    """Return the natural logarithm."""
+    """Return the natural logarithm of x."""
     return x.log() if hasattr(x, "log") else np.log(x)
 
 
 def root(x: Any) -> Any:
-    """Return the square root; its gradient in tensors is 0 at 0."""
+    """Return the square root of x; for tensors, its gradient at 0 is 0."""
     if getattr(x, "requires_grad", False):
         positive = 1.0 * (x > 0.0)
         return positive * (x + (1.0 - positive)).sqrt()
@@ -94,7 +94,7 @@ def root(x: Any) -> Any:
 
 
 def sign(x: Any) -> Any:
-    """Return -1, 0 or 1; 0 for nan."""
+    """Return the sign of x: -1, 0 or 1; 0 for nan."""
     return 1.0 * (x > 0.0) - 1.0 * (x < 0.0)
 
 

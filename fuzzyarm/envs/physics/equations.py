@@ -61,12 +61,12 @@ def bounds_of(arm: AnyArm) -> _Bounds:
 
 
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
-    """Return the arm given by the arguments ``robot`` and ``parameters`` of an environment; neither: Table 1.
+    """Return the arm given by the arguments ``robot`` and ``parameters`` of an environment; both None: Table 1.
 
     Args:
         robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, folder of `fuzzyarm
             tune`, a `Robot`, or `ArmParameters`; None: the two-joint arm.
-        parameters: of the two-joint arm, or None.
+        parameters: parameters of the two-joint arm, or None.
     """
     if robot is None:
         return ArmParameters() if parameters is None else checks.instance("parameters", parameters, ArmParameters)
@@ -85,7 +85,7 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
 
 
 def corners_of(robot: Any) -> dict[str, AnyArm]:
-    """Return the arms at the ends of the table `[ranges]` in the file ``robot``, by description, see `Ranges`.
+    """Return, by description, the arms at the ends of the ranges in the file ``robot``, see `Ranges.corners`.
 
     Args:
         robot: as for `chosen_arm`. The mapping is empty unless this is a file with the table.
@@ -98,7 +98,7 @@ def corners_of(robot: Any) -> dict[str, AnyArm]:
 
 
 def argument_of(arm: AnyArm) -> dict[str, Any]:
-    """Return the argument of an environment that selects an arm: ``parameters`` or ``robot``."""
+    """Return the argument of an environment that selects an arm, by its name: ``parameters`` or ``robot``."""
     return {"parameters": arm} if isinstance(arm, ArmParameters) else {"robot": arm}
 
 
@@ -127,7 +127,7 @@ def robot_of(arm: AnyArm) -> Robot:
 
 
 def common_equations(arms: Sequence[AnyArm]) -> Physics:
-    """Return the common equations of these arms; ValueError if they differ."""
+    """Return the equations of motion that these arms share; ValueError if their equations differ."""
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
         same = "equal joint axes and rotations, and the same other parameters equal to zero"
@@ -158,7 +158,7 @@ def two_joints() -> Physics:
 
 
 def tip_point(angles: PerJoint, arm: Arm) -> Point:
-    """Return the tip [m] of (26) at joint angles [rad]."""
+    """Return the tip [m] of the two-joint arm at joint angles [rad], by equation (26)."""
     sin1, cos1, sin12, cos12 = _directions(angles)
     return Point(arm.length1 * cos1 + arm.length2 * cos12, arm.length1 * sin1 + arm.length2 * sin12)
 
@@ -192,7 +192,7 @@ def _inverse_dynamics(angles: PerJoint, rates: PerJoint, accelerations: PerJoint
 
 
 def _directions(angles: PerJoint) -> tuple[Any, Any, Any, Any]:
-    """Return sin q1, cos q1, sin q12 and cos q12."""
+    """Return sin q1, cos q1, sin q12 and cos q12, with q12 = q1 + q2."""
     return (*sine_cosine(angles.joint1), *sine_cosine(angles.joint1 + angles.joint2))
 
 
@@ -202,7 +202,7 @@ def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
 
 
 def _constants(plant: Any, payload: Any, radius: Any, tip_payload: Any) -> Arm:
-    """Return the constants with a point mass [kg] on link 2 at a distance [m] from joint 2, and another at the tip."""
+    """Return the `Arm` with the mass `payload` [kg] at `radius` [m] from joint 2, and `tip_payload` [kg] at the tip."""
     arm = dynamics.loaded(dynamics.lump(plant), payload, radius, plant.gravity)
     return dynamics.loaded(arm, tip_payload, plant.length[1], plant.gravity)
 

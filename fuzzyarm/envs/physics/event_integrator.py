@@ -1,6 +1,6 @@
 """Reference solution of the elastic arm: a hybrid automaton, integrated event by event.
 
-Equations (1) to (3), with the signs of the descriptor form (5) and a force F on the tip:
+Equations (1) to (3), with the signs of (5), motor inertias M_a, viscous friction N_a and a force F on the tip:
 
     M_a q̈_a + N_a q̇_a = Γ - Γ_t + Γ_f,    Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b),
     M_b(q_b) q̈_b + N_b(q_b, q̇_b) q̇_b + g(q_b) = Γ_t + J(q_b)ᵀ F(t).
@@ -99,7 +99,7 @@ def integrate(
 
 
 class _Plant:
-    """The three modes of each motor and the right-hand side in these modes, for one held torque.
+    """The right-hand side of the arm's equations, with a mode for each motor, while the torques are held.
 
     A mode is the sign of the motor's velocity, 0 for stick.
     """
@@ -158,7 +158,7 @@ class _Plant:
         return event
 
     def derivative(self, modes: tuple[int, ...], time: float, state: np.ndarray) -> list[float]:
-        """Return the time derivative of the state, with the friction of the modes; plain floats for speed."""
+        """Return the time derivative of the state, with each motor in its mode, as floats for speed."""
         y = state.tolist()
         joint_torque = self.joint_torque(0, y), self.joint_torque(1, y)
         _, _, q1, q2, *velocities = y
@@ -168,7 +168,7 @@ class _Plant:
         return [*velocities, motor1, motor2, link1, link2]
 
     def motor_acceleration(self, joint: int, mode: int, joint_torque: float, velocity: float) -> float:
-        """Return q̈_a [rad/s²] of one motor from (1)."""
+        """Return the acceleration q̈_a [rad/s²] of one motor in a mode, from equation (1)."""
         p = self.parameters
         if mode == 0 and p.static_friction[joint] > 0.0:
             return 0.0
@@ -179,7 +179,7 @@ class _Plant:
     def link_acceleration(
         self, q1: float, q2: float, dq1: float, dq2: float, joint_torque: Sequence[float], force: Sequence[float]
     ) -> tuple[float, float]:
-        """Return q̈_b [rad/s²] from (3): M_b q̈_b = Γ_t + Jᵀ F - N_b q̇_b - g, solved by Cramer's rule."""
+        """Return q̈_b [rad/s²] from equation (3), M_b q̈_b = Γ_t + Jᵀ F - N_b q̇_b - g, solved by Cramer's rule."""
         l1, l2 = self.length
         x1, y1 = l1 * math.cos(q1), l1 * math.sin(q1)  # joint 2 from joint 1 [m], x down
         x2, y2 = l2 * math.cos(q1 + q2), l2 * math.sin(q1 + q2)  # the tip from joint 2 [m]

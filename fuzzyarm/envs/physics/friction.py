@@ -18,7 +18,7 @@ __all__ = [
 
 
 class DryFriction(NamedTuple):
-    """The parameters of the curve F(v) of one motor; plants, robots and laws use this list."""
+    """The parameters of the friction curve F(v) of one motor; plants, robots and control laws have these fields."""
 
     coulomb_friction: Any  # Γ_fc [N m]
     static_friction: Any  # Γ_fs [N m]
@@ -42,7 +42,7 @@ def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
 
 
 class _FrictionCurve(NamedTuple):
-    """A friction curve F(v) that falls from F(0) = Γ_fs, with the properties that a proof uses and checks in balls."""
+    """A friction curve F(v) falling from F(0) = Γ_fs, and properties that proofs use and check in ball arithmetic."""
 
     magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m] from the speed and the parameters, of any number type
     steepest: Callable[[DryFriction], Any]  # a bound on -F'(v) [N m s/rad] for these parameters

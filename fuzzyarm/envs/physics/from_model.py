@@ -55,10 +55,10 @@ def completed(
     """Return the robot of a URDF or MJCF file, completed with given and typical values.
 
     Args:
-        path: of the model.
+        path: the URDF or MJCF file.
         tip: name of a link or site, or a point (3,) [m] in the last link's frame.
         given: values by joint and quantity, see `UNITS`; they take precedence over the model's values.
-        like: a shipped robot, whose values are used where they are neither given nor in the model.
+        like: name of a shipped robot, whose values are used where they are neither given nor in the model.
         fixed: joints that stay at rest as in the model.
 
     Raises:
@@ -120,7 +120,7 @@ def _sources(like: str | None) -> tuple[str, ...]:
 
 
 def _nearest(robot: Robot, limit: float | None) -> tuple[Joint, float]:
-    """Return the joint whose torque limit is nearest to `limit` [N m], and the ratio of `limit` to its limit."""
+    """Return the joint with the torque limit nearest to `limit` [N m], and `limit` divided by it; None: the last, 1."""
     if limit is None:
         return robot.joints[-1], 1.0
     near = min(robot.joints, key=lambda joint: abs(math.log(joint.drive.torque_limit / limit)))

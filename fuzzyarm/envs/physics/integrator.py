@@ -1,6 +1,6 @@
 """The time step of an arm with elastic joints: half drift, kick with exact stick, half drift; second order.
 
-Over a sub-step h the positions move half-way, the accelerations are taken there, and the velocities jump:
+Over a sub-step h the positions x move half-way, the accelerations a are taken there, and the velocities v jump:
 
     x_m = x + h/2 v,    v_m = v + h/2 a(x_m, v),    v' = v + h a(x_m, v_m),    x' = x_m + h/2 v'.
 
@@ -43,9 +43,9 @@ _Accelerations = Callable[[Any, Any], Any]
 
 
 def advanced(state: Any, torque: Any, at: Callable[[Any], _Accelerations], arm: Any, h: Any) -> Any:
-    """Return the state of n joints a sub-step h [s] later under motor torques [N m], see the module.
+    """Return the state of an arm with n joints one sub-step h [s] later under motor torques [N m]; see the module.
 
-    `at` returns the acceleration function for the links' angles [rad]; `arm` has the fields of `Motor`.
+    `at` returns the links' acceleration function at link angles [rad]; `arm` has the numbered fields of `Motor`.
     """
     half = 0.5 * h
     motor, link = _drifted(state.motor, state.motor_velocity, half), _drifted(state.link, state.link_velocity, half)
@@ -68,7 +68,7 @@ def _kick(
 ) -> tuple[Any, Any, Any]:
     """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations in state `middle`.
 
-    The third result is the angles [rad] that the motors travelled. `driven` has each motor with its inverse inertia,
+    The third result is the angles [rad] that the motors travelled. `driven` pairs each motor with its inverse inertia,
     because a product costs less than a quotient.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
@@ -91,7 +91,7 @@ def _kick(
 
 @apart
 def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Any:
-    """Advance the elastic arm by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
+    """Return the state of the two-joint arm one sub-step h [s] later, under motor torques [N m] and a tip force [N]."""
 
     def at(link: PerJoint) -> _Accelerations:
         sin1, cos1 = sine_cosine(link.joint1)
@@ -105,7 +105,7 @@ def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Any:
 
 
 def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any) -> Any:
-    """Advance like `step`, with torques `load` [N m] on the links instead of a tip force."""
+    """Return the state as `step` does, with torques `load` [N m] on the links instead of the tip force."""
 
     def at(link: PerJoint) -> _Accelerations:
         sin1, cos1 = sine_cosine(link.joint1)
@@ -117,7 +117,7 @@ def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any
 
 
 def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> _Accelerations:
-    """Return the acceleration function under torques `outer` [N m] in addition to joint and Coriolis torques."""
+    """Return the links' acceleration function; torques `outer` [N m] act besides joint and Coriolis torques."""
 
     def accelerations(joint: PerJoint, rates: PerJoint) -> tuple[Any, Any]:
         coriolis1, coriolis2 = coriolis_torque(sin2, rates.joint1, rates.joint2, arm)
@@ -129,7 +129,7 @@ def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> _Acceleration
 
 @functools.cache
 def force_line(axes: int) -> Any:
-    """Return the record of a tip force that is linear over a control step: its mean and its change in the step [N]."""
+    """Return the record type of a tip force that is linear over a control step: its mean and its change [N]."""
     return record_type("ForceLine", mean=point(axes), change=point(axes))
 
 
@@ -137,7 +137,7 @@ def force_line(axes: int) -> Any:
 def held_of(physics: Physics) -> Callable[..., Any]:
     """Return ``held(state, torque, mean, change, arm, h, substeps)``, the state one control step later.
 
-    Torques [N m], a record, are held. The tip force is linear in time, with a mean and a change over the step [N]; each
+    The torques [N m] are held. The tip force is linear in time, with a mean and a change over the step [N]; each
     of the `substeps` sub-steps of h [s] uses the force at its own middle.
     """
     Point = physics.Point
@@ -156,10 +156,10 @@ def held_of(physics: Physics) -> Callable[..., Any]:
 
 @functools.cache
 def hold_of(physics: Physics) -> Callable[..., None]:
-    """Return ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
+    """Return ``hold(state, torque, force, arm, h, substeps)``, which advances lanes by one control step.
 
-    The arguments are the state (entries of a state, lanes), changed in place, the torque (joints, lanes) [N m], rows of
-    `force_line` [N] and of the constants, and the sub-step [s]. ValueError if an array has another shape.
+    Arrays (entries, lanes) are the state, which is changed in place, the motor torques [N m], the tip force as a
+    `force_line` [N] and the constants `arm`; h is the sub-step [s]. ValueError if an array has another shape.
     """
     ForceLine, advance = force_line(physics.axes), held_of(physics)
     kinds = physics.State, physics.PerJoint, ForceLine, physics.Arm

@@ -111,11 +111,11 @@ class Joint:
     """One revolute joint, the link that it turns, and its drive.
 
     Attributes:
-        name: of the joint.
+        name: the joint's name.
         position: d [m], shape (3,), origin of the joint frame in the frame of the link before it.
         rotation: A, shape (3, 3), the joint frame's axes as columns in the frame of the link before, at angle 0.
         axis: u, shape (3,), unit vector in the joint frame.
-        link: what the joint turns; its frame is the joint frame, turned by the angle.
+        link: the link that the joint turns; its frame is the joint frame, turned by the angle.
         drive: motor, gear and spring.
         angle_range: (lowest, highest) link angle [rad].
         velocity_limit: largest speed [rad/s], above 0.
@@ -165,7 +165,7 @@ class Joint:
 
 
 def as_vector(name: str, values: Any, unit: str = "") -> Vector:
-    """Return three finite numbers up to `LARGEST`; errors as in `checks.reals`."""
+    """Return three finite numbers, at most `LARGEST` in magnitude, as a tuple; errors as in `checks.reals`."""
     x, y, z = checks.reals(name, values, DIMENSIONS, unit, low=-LARGEST, high=LARGEST)
     return x, y, z
 

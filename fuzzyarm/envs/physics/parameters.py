@@ -114,7 +114,7 @@ class ArmParameters:
 
     @classmethod
     def from_toml(cls, path: str | Path) -> ArmParameters:
-        """Read an arm from a TOML file that contains any of the fields; the others default to Table 1. See `Ranges`.
+        """Read an arm from a TOML file with any of the fields (default: Table 1); a table `[ranges]` is only checked.
 
         Raises:
             ValueError: the file is not TOML, or contains an unknown field or a value out of range.
@@ -131,7 +131,7 @@ class ArmParameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> ArmParameters:
-        """Build an arm from a mapping of field names; unknown names raise ValueError with the known ones."""
+        """Build an arm from a mapping of field names to values; ValueError for an unknown name lists the known ones."""
         known = [field.name for field in dataclasses.fields(cls)]
         unknown = set(map(str, checks.instance("values", values, dict))) - set(known)
         if unknown:
@@ -146,7 +146,7 @@ class ArmParameters:
         }
 
     def drive(self, name: str) -> np.ndarray:
-        """Return one quantity of both drives, shape (2,), by its name."""
+        """Return the two values (2,) of the field `name`, one for each joint."""
         return np.array(getattr(self, name))
 
     def with_drives(self, motor_inertia: _Pair | None = None, stiffness: _Pair | None = None) -> ArmParameters:
@@ -157,7 +157,7 @@ class ArmParameters:
         return dataclasses.replace(self, inertia=inertia, motor_inertia=rotors, stiffness=changed)
 
     def write_toml(self, path: str | Path) -> None:
-        """Write the TOML text to a file, atomically."""
+        """Write the text of `to_toml` to a file, atomically."""
         write_atomically(Path(path), self.to_toml())
 
     def to_toml(self) -> str:

@@ -27,14 +27,14 @@ _Intervals = tuple[tuple[float, float], ...]
 
 @dataclasses.dataclass(frozen=True)
 class Ranges:
-    """The lowest and the highest value of each joint; an empty tuple where the arm's own values are known."""
+    """Lowest and highest values, one pair per joint; an empty tuple where the arm's own values are known."""
 
     motor_inertia: _Intervals = ()
     stiffness: _Intervals = ()
 
     @classmethod
     def taken(cls, content: dict[str, Any]) -> Ranges:
-        """Remove the table from the content of a file and return it; empty if the file has no table.
+        """Remove the table `[ranges]` from the content of a file and return it; empty if the file has no such table.
 
         Raises:
             ValueError: the table has an unknown field, or an entry that is not a range.
@@ -46,7 +46,7 @@ class Ranges:
         return found
 
     def corners(self, arm: Any) -> dict[str, Any]:
-        """Return the arms at the ends of the ranges, all joints at the lower or all at the upper end, by description.
+        """Return, by description, the arms with each quantity at the lower or upper end of its ranges in all joints.
 
         If a rotor's inertia changes, the link's inertia changes by the opposite amount, see `with_drives` of both kinds
         of arm. The mapping is empty if no range is given.

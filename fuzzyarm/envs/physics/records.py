@@ -29,7 +29,7 @@ __all__ = [
 
 
 class PerJoint(NamedTuple):
-    """One number for each joint of the two-joint arm; `per_joint` returns the record for any number of joints."""
+    """One number for each joint of the two-joint arm; `per_joint` returns the type for any number of joints."""
 
     joint1: Any
     joint2: Any
@@ -39,7 +39,7 @@ JOINTS = len(PerJoint._fields)  # number of joints of the paper's arm
 
 
 class Point(NamedTuple):
-    """A vector in the plane of the two-joint arm, x down and y to the right; `point` returns the record for space."""
+    """A vector in the plane of the two-joint arm, x down and y to the right; `point(3)` is the type for space."""
 
     x: Any
     y: Any
@@ -55,13 +55,13 @@ class State(NamedTuple):
 
 
 def record_type(name: str, **fields: Any) -> Any:
-    """Return a record with these fields, each a number (``Any``) or a record."""
+    """Return a new record type with these fields; each is a number (``Any``) or of another record type."""
     return NamedTuple(name, list(fields.items()))
 
 
 @functools.cache
 def per_joint(joints: int) -> Any:
-    """Return the record of one number per joint, joint1, ...; the same class on each call, `PerJoint` for two."""
+    """Return the record type of one number per joint: joint1, ...; the same class on each call, `PerJoint` for two."""
     if joints == len(PerJoint._fields):
         return PerJoint
     return record_type("PerJoint", **{f"joint{k + 1}": Any for k in range(joints)})
@@ -69,13 +69,13 @@ def per_joint(joints: int) -> Any:
 
 @functools.cache
 def point(axes: int) -> Any:
-    """Return the record of a vector with 2 or 3 axes, x, y and z; the same class on each call, `Point` for two."""
+    """Return the record type of a vector with 2 or 3 axes x, y, z; the same class on each call, `Point` for two."""
     return Point if axes == len(Point._fields) else record_type("Point", **dict.fromkeys("xyz"[:axes], Any))
 
 
 @functools.cache
 def state_record(joints: int) -> Any:
-    """Return `State` for a number of joints; the same class on each call."""
+    """Return the type of `State` for a number of joints; the same class on each call."""
     if joints == len(PerJoint._fields):
         return State
     return record_type("State", **dict.fromkeys(State._fields, per_joint(joints)))
@@ -83,12 +83,12 @@ def state_record(joints: int) -> Any:
 
 @functools.cache
 def size(kind: Any) -> int:
-    """Return how many numbers a record contains, nested records included."""
+    """Return how many numbers a record of this type contains, those of nested records included."""
     return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
 
 
 def places(record: type, first: int = 0) -> Any:
-    """Return the record of each number's index in an array, counted from `first`."""
+    """Return a record of this type that has, for each number, its index in a flat array, counted from `first`."""
     values = []
     for _, kind in _fields(record):
         values.append(places(kind, first) if _is_record(kind) else first)
@@ -97,19 +97,19 @@ def places(record: type, first: int = 0) -> Any:
 
 
 def columns(record: type) -> Any:
-    """Return the record of each field's slice in an array."""
+    """Return a record of this type that has, for each field, the slice of its numbers in a flat array."""
     parts = [flat((part,)) for part in places(record)]
     return record(*(slice(part[0], part[-1] + 1) for part in parts))
 
 
 def filled(record: Any, numbers: Iterable[Any]) -> Any:
-    """Return a record filled with these numbers in order; rows of an array give a record of arrays."""
+    """Return a record of the type `record` with these numbers in order; rows of an array give a record of arrays."""
     return like(places(record), iter(numbers))
 
 
 @functools.cache
 def _fields(record: type) -> tuple[tuple[str, Any], ...]:
-    """Return names and types of the fields, in order."""
+    """Return the name and the type of each field of a record type, in order."""
     kinds = typing.get_type_hints(record)
     return tuple((name, kinds[name]) for name in record._fields)  # type: ignore[attr-defined]
 
@@ -178,5 +178,5 @@ class Physics:
         object.__setattr__(self, "Point", point(self.axes))
 
     def __reduce__(self) -> tuple[Callable[..., Physics], tuple[Any, ...]]:
-        """Pickle without the functions."""
+        """Return `made_by`, from which copies and pickles rebuild the object; its functions cannot be pickled."""
         return self.made_by

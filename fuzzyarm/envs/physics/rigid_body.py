@@ -57,7 +57,7 @@ def frames(robot: Robot, q: Any) -> Frames:
 
 
 def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
-    """Return M(q) [kg m²], shape (..., n, n), without the rotors."""
+    """Return the mass matrix M(q) of the links [kg m²], shape (..., n, n), without the inertia of the rotors."""
     links = frames(robot, q)
     axes, inertia = _axes(links), _inertias(robot, links)
     composite = np.flip(np.cumsum(np.flip(inertia, axis=-3), axis=-3), axis=-3)
@@ -66,7 +66,7 @@ def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
 
 
 def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
-    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], (..., n), at q [rad], q̇ [rad/s] and q̈ [rad/s²] of that shape."""
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for q [rad], q̇ [rad/s] and q̈ [rad/s²]; all of shape (..., n)."""
     links, rate, change = frames(robot, q), _motion(robot, dq), _motion(robot, ddq)
     axes, inertia = _axes(links), _inertias(robot, links)
     turning = axes * rate[..., np.newaxis]
@@ -79,20 +79,20 @@ def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
 
 
 def gravity(robot: Robot, q: Any) -> np.ndarray:
-    """Return g(q) [N m], shape (..., n)."""
+    """Return the gravity torques g(q) [N m], shape (..., n), at joint angles q [rad]."""
     still = np.zeros(len(robot))
     return inverse_dynamics(robot, q, still, still)
 
 
 def tip_jacobian(robot: Robot, q: Any) -> np.ndarray:
-    """Return J = ∂tip/∂q [m], shape (..., 3, n): column i is z_i × (tip - p_i)."""
+    """Return the tip's Jacobian J = ∂tip/∂q [m], shape (..., 3, n): column i is z_i × (tip - p_i)."""
     links = frames(robot, q)
     columns = _cross(links.axes, links.tip[..., np.newaxis, :] - links.origin)
     return np.swapaxes(columns, -1, -2)
 
 
 def _motion(robot: Robot, values: Any) -> np.ndarray:
-    """Return angles, velocities or accelerations as an array with the joints along the last axis."""
+    """Return angles, velocities or accelerations as an array (..., n) of floats; ValueError for another shape."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != len(robot):
         raise ValueError(
@@ -103,7 +103,7 @@ def _motion(robot: Robot, values: Any) -> np.ndarray:
 
 
 def _skew(vectors: np.ndarray) -> np.ndarray:
-    """Return [a]×, shape (..., 3, 3), with [a]× b = a × b."""
+    """Return the matrices [a]×, shape (..., 3, 3), of vectors a (..., 3), with [a]× b = a × b."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, DIMENSIONS, DIMENSIONS)
@@ -118,12 +118,12 @@ def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def _axes(links: Frames) -> np.ndarray:
-    """Return s_i = (z_i, p_i × z_i), shape (..., n, 6)."""
+    """Return the joint axes s_i = (z_i, p_i × z_i), shape (..., n, 6): direction, then moment about the origin."""
     return np.concatenate([links.axes, _cross(links.origin, links.axes)], axis=-1)
 
 
 def _inertias(robot: Robot, links: Frames) -> np.ndarray:
-    """Return [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center in the base, shape (..., n, 6, 6)."""
+    """Return the inertias (..., n, 6, 6): [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center."""
     now, turn = robot.arrays, links.rotation
     mass = now.mass[:, np.newaxis, np.newaxis]
     across = _skew(links.origin + np.einsum("...kij,kj->...ki", turn, now.center))
@@ -137,7 +137,7 @@ def _inertias(robot: Robot, links: Frames) -> np.ndarray:
 
 
 def _cross_motion(velocity: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Return v × s: (ω × s_ω, ω × s_v + v × s_ω)."""
+    """Return v × s = (ω × s_ω, ω × s_v + v × s_ω) for `velocity` = (ω, v) and `motion` = (s_ω, s_v), (..., 6)."""
     turn = velocity[..., _ANGULAR]
     angular = _cross(turn, motion[..., _ANGULAR])
     linear = _cross(turn, motion[..., _LINEAR]) + _cross(velocity[..., _LINEAR], motion[..., _ANGULAR])
@@ -145,7 +145,7 @@ def _cross_motion(velocity: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 
 def _cross_force(velocity: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return v ×* (n, f): (ω × n + v × f, ω × f)."""
+    """Return v ×* (n, f) = (ω × n + v × f, ω × f) for `velocity` = (ω, v) and `force` = (n, f), (..., 6)."""
     turn = velocity[..., _ANGULAR]
     moment = _cross(turn, force[..., _ANGULAR]) + _cross(velocity[..., _LINEAR], force[..., _LINEAR])
     return np.concatenate([moment, _cross(turn, force[..., _LINEAR])], axis=-1)

@@ -54,8 +54,8 @@ class Robot:
     """A serial robot with revolute elastic joints.
 
     Attributes:
-        name: of the robot.
-        joints: from the base to the tip, 1 to `MOST_JOINTS`.
+        name: the robot's name.
+        joints: the joints in order from the base to the tip, 1 to `MOST_JOINTS`.
         tip: position of the tip [m], shape (3,), in the frame of the last link.
         gravity: acceleration of free fall [m/s²], shape (3,), in the base frame.
         sources: where the values come from.
@@ -89,7 +89,7 @@ class Robot:
 
     @functools.cached_property
     def digest(self) -> str:
-        """A digest of all numerical data; names and texts do not affect it."""
+        """Hexadecimal SHA-256 digest of all numerical data; names and texts do not affect it."""
         numbers = dataclasses.asdict(self)
         for name in ("name", "sources", "assumptions"):
             del numbers[name]
@@ -109,11 +109,11 @@ class Robot:
         return values
 
     def drive(self, name: str) -> np.ndarray:
-        """Return one quantity of all drives, shape (n,), by its name in `Drive`."""
+        """Return the values (n,) of the field `name` of `Drive`, one for each joint."""
         return np.array([getattr(joint.drive, name) for joint in self.joints])
 
     def with_payload(self, mass: float, at: str = "tip") -> Robot:
-        """Return the robot with a point mass [kg] at its tip or, ``at="link"``, the mass center of its last link."""
+        """Return the robot with a point mass [kg] at its tip, or with ``at="link"`` at its last link's mass center."""
         carried, last = checks.real("payload mass", mass, "kg", low=0.0, high=LARGEST), self.joints[-1]
         link, places = last.link, {"tip": self.tip, "link": last.link.center}
         place = np.array(places[checks.choice("payload at", at, tuple(places))])
@@ -129,8 +129,8 @@ class Robot:
     ) -> Robot:
         """Return the robot with other rotors [kg m²] and springs [N m/rad].
 
-        If a rotor loses the inertia d, its link gains d u uᵀ, and the link before, which carries the rotor, loses
-        d (A u)(A u)ᵀ, so that the diagonal of the mass matrix of the rigid robot does not change.
+        If a rotor loses the inertia d, its link gains d u uᵀ, with the joint axis u, and the link before, which carries
+        the rotor, loses d (A u)(A u)ᵀ, with the joint's rotation A: the rigid mass matrix keeps its diagonal.
         """
         joints, before = list(self.joints), np.zeros((DIMENSIONS, DIMENSIONS))
         for k in reversed(range(len(joints))):
@@ -151,7 +151,7 @@ class Robot:
 
     @classmethod
     def of(cls, parameters: ArmParameters) -> Robot:
-        """Return the two-joint arm: x and gravity down, y to the right, axes along z; equal inertia about all axes."""
+        """Return the two-joint arm as a robot: x and gravity down, y to the right, axes along z, isotropic inertias."""
         p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         joints = []
         for j in range(len(p.length)):
@@ -227,7 +227,7 @@ def _read_once(name: str) -> Robot:
 
 
 def _with_joint_name(message: str, content: dict[str, Any]) -> str:
-    """Return a message with the joint's name added if it names the joint by its index in the file, ``joints[2]``."""
+    """Return an error message that names a joint by its index in the file, ``joints[2]``, with its name added."""
     found = re.search(r"joints\[(\d+)\]", message)
     joints = content.get("joints")
     if not (found and isinstance(joints, list) and int(found[1]) < len(joints)):

@@ -1,10 +1,10 @@
 """Named cases: the three of the paper (section 6.2), and any others that are added.
 
 The loads of the paper's cases are for its arm. `case_for` scales them for any other arm: payload and machining force
-use the same largest share of a motor's torque limit along the arm's default reference as on the paper's arm along its
-circle, to two digits; the force lasts as long as that reference. Where gravity has no leverage on the motors, as on a
-horizontal arm, the payload is the paper's share of the mass of the links. An arm with the paper's lengths and torque
-limits has the paper's loads. `with_loads` sets other loads.
+use the same largest fraction of a motor's torque limit along the arm's default reference as on the paper's arm along
+its circle, to two digits; the force lasts as long as that reference. Where gravity has no leverage on the motors, as on
+a horizontal arm, the payload is the paper's fraction of the mass of the links. An arm with the paper's lengths and
+torque limits has the paper's loads. `with_loads` sets other loads.
 
 A `Scenario` is the reference of one episode and the disturbance that acts on the arm.
 """
@@ -46,7 +46,7 @@ class Case:
 
     Attributes:
         name: its key, as in ``gym.make(..., case=name)``.
-        title: for tables and figures.
+        title: its title in tables and figures.
         disturbance: what acts on the arm.
         scales: whether the loads are those of the paper's arm, to be scaled for a robot.
     """
@@ -114,7 +114,7 @@ def with_loads(
         case: any case.
         force: smallest and largest machining force [N].
         payload: carried mass [kg].
-        duration: of the machining force [s].
+        duration: duration of the machining force [s].
     """
     loads, title = case.disturbance, case.title
     own_force, own_payload = loads.tip_force, loads.payload
@@ -156,7 +156,7 @@ def _factors(robot: Robot) -> tuple[float, float]:
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest torque-limit share of 1 N at the tip [1/N]: along curve, along gravity, in any direction."""
+    """Return the largest torque/limit of 1 N at the tip [1/N]: along the curve, along gravity, in any direction."""
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))

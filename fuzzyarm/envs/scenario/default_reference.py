@@ -77,7 +77,7 @@ def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
 
 @functools.lru_cache(maxsize=64)
 def _papers(robot: Robot, name: str) -> TipReference | None:
-    """Return the motion of the paper's arm for a robot with the joint frames of `Robot.of`; None for any other."""
+    """Return the paper's motion for a robot with the joint frames of `Robot.of`; None if the robot cannot follow it."""
     if len(robot) != len(ArmParameters().length):
         return None
     lengths = float(np.linalg.norm(robot.arrays.position[1])), float(np.linalg.norm(robot.arrays.tip))
@@ -113,7 +113,7 @@ def _fitted(robot: Robot, name: str) -> TipReference:
 
 
 def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors in the plane of the circle, upwards and sideways."""
+    """Return two unit vectors (3,) in the plane of the path: upwards and sideways."""
     motion = freedom(robot).motion
     pull = robot.arrays.gravity
     if len(motion) < len(tip):  # a planar robot: upwards in its plane, if there is such a direction
@@ -137,7 +137,7 @@ def timed(slow: TipReference) -> TipReference:
 
 
 def _torques(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the torques (..., n) [N m] that hold the rigid robot, and the additional torques for the motion."""
+    """Return the torques (..., n) [N m] that hold the rigid robot still, and the additional torques for its motion."""
     weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
     return weight, inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
 
@@ -190,7 +190,7 @@ def reference_family(arm: AnyArm, count: int = _FAMILY, seed: int = _FAMILY_SEED
 
 @functools.lru_cache(maxsize=16)
 def _splines(robot: Robot, count: int, seed: int) -> tuple[Reference, ...]:
-    """Return references of a robot through random postures."""
+    """Return `count` references of a robot along splines of the joint angles through random postures."""
     generator = np.random.default_rng(seed)
     home, (low, high) = np.array(home_posture(robot)), angle_ranges(robot)
     middle, half = 0.5 * (low + high), 0.5 * _INSIDE * (high - low)
@@ -203,7 +203,7 @@ def _splines(robot: Robot, count: int, seed: int) -> tuple[Reference, ...]:
 
 
 def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
-    """Return the reference through postures (k, n) [rad] at a share of the velocity limits, or slower if needed."""
+    """Return the motion through postures (k, n) [rad] at a fraction `speed` of the velocity limits, or slower."""
     slow = SplineReference(tuple(map(tuple, postures.tolist())), LONGEST, robot)
     q, dq, ddq = slow.sample(np.linspace(0.0, LONGEST, 501))
     weight, moving = _torques(robot, q, dq, ddq)
@@ -221,7 +221,7 @@ def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
 
 @functools.lru_cache(maxsize=16)
 def _tip_paths(parameters: ArmParameters, count: int, seed: int) -> tuple[JointReference, ...]:
-    """Return references of the two-joint arm along curves of the tip.
+    """Return `count` references of the two-joint arm along curves of the tip.
 
     Six of eight are circles, one a lemniscate and one a line. Rejection sampling draws a size of 5-20 % of the reach,
     any center that keeps the curve at 30-92 % of the reach, any start angle and direction, and a peak tip speed of

@@ -145,13 +145,13 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers, as many as one of `sizes` states; the error message asks for two."""
+    """Return real numbers as floats, as many as an entry of `sizes`; for any other count, an error asks for two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 
 
 def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, stop: float) -> np.ndarray:
-    """Return (..., length of `vector`): `vector` where start <= time < stop, zero elsewhere."""
+    """Return `vector` at times start <= time < stop and zeros elsewhere, with shape (..., length of `vector`)."""
     time = np.asarray(time, dtype=np.float64)
     active = (time >= start) & (time < stop)
     return active[..., np.newaxis] * np.array(vector, dtype=np.float64)

@@ -38,7 +38,7 @@ _STENCIL, _REACH = 9, 2e-3  # Chebyshev points within ± this share of the durat
 
 @dataclasses.dataclass(frozen=True)
 class ElasticReference:
-    """θ_d(t), θ̇_d(t), θ̈_d(t) of the motors for a reference of the links; see the module.
+    """The motor motion θ_d(t), θ̇_d(t), θ̈_d(t) that makes the links follow their reference; see the module.
 
     As for the links' reference, a value depends only on its t; before t = 0 and long after T the arm rests.
 
@@ -68,17 +68,17 @@ class ElasticReference:
 
     @property
     def duration(self) -> float:
-        """T [s] of the reference."""
+        """Duration T [s] of the reference."""
         return self.reference.duration
 
     @property
     def box_use(self) -> float:
-        """Largest share of the box (25) that θ_d and θ̇_d use; 1 is the border of the box."""
+        """Largest fraction of the box (25) that θ_d or θ̇_d uses; 1 is the border of the box."""
         motion = self.sample(np.linspace(0.0, self.duration, CHECKED_INSTANTS))
         return float(np.max([_box_share(*one) for one in zip(motion[:2], *np.swapaxes(self._box, 0, 1), strict=True)]))
 
     def torque(self, t: ArrayLike) -> np.ndarray:
-        """Return τ_d [N m], shape (..., n), at times t [s] of shape (...,)."""
+        """Return the torque τ_d [N m] that the links need, shape (..., n), at times t [s] of shape (...,)."""
         return self.links_torque(self.reference.sample(t))
 
     def links_torque(self, motion: ReferenceSample) -> np.ndarray:
@@ -111,7 +111,7 @@ class ElasticReference:
         return ReferenceSample(*(part.reshape(shape) for part in parts))
 
     def _relaxed(self, t: np.ndarray, time_constant: float) -> np.ndarray:
-        """Return ∫_0^∞ e⁻ˣ τ_d(t - b x) dx [N m], (times, n)."""
+        """Return ∫_0^∞ e⁻ˣ τ_d(t - b x) dx [N m], (times, n), at times t [s], with b the time constant [s]."""
         corners = (t[:, np.newaxis] - self._corners) / time_constant
         near = ((corners > _PANELS[0]) & (corners < _PANELS[-1])).any(axis=1)
         if time_constant > _SMOOTH * self.duration:
@@ -124,7 +124,7 @@ class ElasticReference:
         return relaxed
 
     def _by_panels(self, t: np.ndarray, corners: np.ndarray, time_constant: float) -> np.ndarray:
-        """Return the integral (times, n); `corners` (times, corners) are the values of x at which τ_d has corners."""
+        """Return the integral of `_relaxed` (times, n); `corners` (times, corners) are the x of the corners of τ_d."""
         inside = np.clip(corners, _PANELS[0], _PANELS[-1])  # a corner out of reach makes an empty panel
         edges = np.sort(np.concatenate([np.tile(_PANELS, (len(t), 1)), inside], axis=1), axis=1)
         nodes, weights = legendre.leggauss(_NODES)
@@ -169,5 +169,5 @@ class ElasticReference:
 
 
 def _box_share(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the distance of values (..., n) from the middle of their ranges, as a share of half the range."""
+    """Return the distance of values (..., n) from the middle of their ranges, as a fraction of half the range."""
     return np.asarray(np.abs(values - 0.5 * (low + high)) / (0.5 * (high - low)))

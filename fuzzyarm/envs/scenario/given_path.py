@@ -39,7 +39,7 @@ class GivenPath:
         points: (x, y) [m] of the two-joint arm, x down and y to the right, or (x, y, z) [m] in the base frame of a
             robot.
         closed: whether the path returns to the first point.
-        duration: of the motion [s]; None: the duration by the rule in `default_reference`.
+        duration: duration of the motion [s]; None: the one by the rule in `default_reference`.
     """
 
     points: tuple[tuple[float, ...], ...]
@@ -132,7 +132,7 @@ class GivenPath:
 
 
 def _check_reach(curve: Spline, robot: Robot) -> None:
-    """Raise if a point is farther from the base than the summed link lengths, or nearer than the arm can fold."""
+    """Raise ValueError if a point is farther from the base than the arm's length, or nearer than the arm can fold."""
     points = curve.points(np.linspace(0.0, 1.0, CHECKED_INSTANTS))[0]
     base, links = robot.arrays.position[0][: points.shape[-1]], link_lengths(robot)
     high, low = float(links.sum()), max(0.0, float(2.0 * links.max() - links.sum()))

@@ -47,13 +47,13 @@ LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of
 
 
 def jacobian(now: Frames) -> np.ndarray:
-    """Return J (..., 6, n): rows of the tip's velocity [m], then of the angular velocity of the last link."""
+    """Return J (..., 6, n): three rows for the tip's velocity [m], then three for the last link's angular velocity."""
     linear = np.cross(now.axes, now.tip[..., np.newaxis, :] - now.origin)
     return np.swapaxes(np.concatenate([linear, now.axes], axis=-1), -1, -2)
 
 
 def _drift(now: Frames, dq: np.ndarray) -> np.ndarray:
-    """Return J̇ q̇ (..., 6), [m/s²] and [rad/s²], at joint velocities dq (..., n) [rad/s]."""
+    """Return J̇ q̇ (..., 6), accelerations of tip [m/s²] and last link [rad/s²] at q̈ = 0, for dq (..., n) [rad/s]."""
     zero = np.zeros_like(now.tip)
     turning, angular, linear = zero, zero, zero  # ω, ω̇ and the acceleration of the point reached so far
     places = [*np.moveaxis(now.origin, -2, 0), now.tip]
@@ -93,7 +93,7 @@ def upwards(robot: Robot) -> np.ndarray:
 
 
 def angle_ranges(robot: Robot) -> np.ndarray:
-    """Return (2, n), lowest and highest joint angles [rad]."""
+    """Return the lowest and the highest joint angles [rad] as rows, shape (2, n)."""
     return np.array([joint.angle_range for joint in robot.joints]).T
 
 
@@ -116,7 +116,7 @@ class _Freedom(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def freedom(robot: Robot) -> _Freedom:
-    """Return the directions in which the tip of a robot can move, and about which its last link can turn."""
+    """Return the directions in which the tip of a robot can move, and the axes about which its last link can turn."""
     low, high = angle_ranges(robot)
     q = np.random.default_rng(_SPAN_SEED).uniform(low, high, (_SPAN_POSTURES, len(robot)))
     rows = jacobian(frames(robot, q))
@@ -143,26 +143,26 @@ class TipTask:
         return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
 
     def matrix(self, now: Frames) -> np.ndarray:
-        """Return A (..., n, n)."""
+        """Return the matrix A = ∂f/∂q (..., n, n) of the module."""
         rows = self._moving(now)
         frozen = np.broadcast_to(self.frozen, (*rows.shape[:-2], *self.frozen.shape))
         return np.concatenate([rows, frozen], axis=-2)
 
     def refined(self, q: np.ndarray, point: np.ndarray, rounds: int) -> np.ndarray:
-        """Return angles (..., n) [rad] after Newton steps q - A⁻¹ f."""
+        """Return angles (..., n) [rad] after this number of Newton steps q - A⁻¹ f for tip positions (..., 3) [m]."""
         for _ in range(rounds):
             now = frames(self.robot, q)
             q = q - solved(self.matrix(now), self.residual(now, q, point))
         return q
 
     def moved(self, linear: np.ndarray) -> np.ndarray:
-        """Return A q̇ = (P v, 0, 0) (..., n) for tip velocities v (..., 3) [m/s]."""
+        """Return (P v, 0, 0), shape (..., n), which A q̇ must equal for tip velocities v (..., 3) [m/s]."""
         wanted = linear @ self.motion.T
         rest = len(self.start) - wanted.shape[-1]
         return np.concatenate([wanted, np.zeros((*wanted.shape[:-1], rest))], axis=-1)
 
     def drifting(self, now: Frames, dq: np.ndarray) -> np.ndarray:
-        """Return Ȧ q̇ (..., n) at joint velocities (..., n) [rad/s]."""
+        """Return Ȧ q̇ (..., n), with A of the module, at joint velocities q̇ (..., n) [rad/s]."""
         rate = _drift(now, dq)
         parts = [rate[..., LINEAR] @ self.motion.T, rate[..., _ANGULAR] @ self.turning.T]
         return np.concatenate([*parts, np.zeros((*rate.shape[:-1], len(self.frozen)))], axis=-1)
@@ -209,7 +209,7 @@ def start_posture(
 
 
 def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return A⁻¹ b, shapes (..., n, n) and (..., n); numpy.linalg.LinAlgError where A is singular."""
+    """Return A⁻¹ b (..., n) for matrices A (..., n, n) and b (..., n); numpy.linalg.LinAlgError if A is singular."""
     found = linear.solved(matrix, right[..., np.newaxis])[..., 0]
     if not np.isfinite(found).all():
         raise np.linalg.LinAlgError("a matrix is singular")
@@ -243,7 +243,7 @@ def home_posture(robot: Robot) -> tuple[float, ...]:
     turns = len(robot) >= len(can.motion) + len(can.turning)
 
     def cost(shares: np.ndarray) -> np.ndarray:
-        """Return the cost (...) to be minimised, at shares (..., n) of the half ranges."""
+        """Return the cost (...) to be minimised, at angles middle + shares × half range, shares (..., n)."""
         q = middle + half * shares
         rows = jacobian(frames(robot, q))
         parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., _ANGULAR, :]] if turns else [])]

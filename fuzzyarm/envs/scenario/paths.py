@@ -212,7 +212,7 @@ class Spline:
 
     @property
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the knots (k + 1,) over s and the coefficients (4, k, 2 or 3) [m] of p in s - knot, highest first."""
+        """Knots (k + 1,) of s, and coefficients (4, k, 2 or 3) [m] of p in powers of s - knot, the cubic ones first."""
         return self._interpolant.x, self._interpolant.c
 
     def points(self, s: ArrayLike) -> _Points:
@@ -222,7 +222,7 @@ class Spline:
 
 
 def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
-    """Return the cubic spline over [0, 1] by chords through points (k, d); if closed, the last must equal the first."""
+    """Return the cubic spline through points (k, d), s as in `Spline`; if closed, the last must equal the first."""
     from scipy.interpolate import CubicSpline  # SciPy is only needed here
 
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -231,7 +231,7 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
 
 
 def _numbers(s: ArrayLike) -> np.ndarray:
-    """Return s as floats, or unchanged if it contains other numbers, such as balls."""
+    """Return s as floats, or unchanged if it contains other numbers, such as balls (intervals)."""
     return s if isinstance(s, np.ndarray) and s.dtype == object else np.asarray(s, dtype=float)
 
 

@@ -27,7 +27,7 @@ _HEAVIEST = 5.0 / 24.0  # largest payload of "robust" over the mass of the links
 
 @functools.cache
 def draw_record(joints: int) -> Any:
-    """Return the record of what one episode draws; scalars, or arrays with one value per lane.
+    """Return the record type of what one episode draws: scalars, or arrays with one value per lane.
 
     There are factors, one per joint, of the link's mass and inertia, of the motor's inertia, of joint stiffness and
     damping, of dry friction (the same for static and Coulomb friction) and of viscous friction. Then follow the payload
@@ -41,7 +41,7 @@ def draw_record(joints: int) -> Any:
 
 
 def _range(nominal: float, low: float, high: float, unit: str = "") -> Any:
-    """Return a field for a range within [low, high], by default the nominal value alone."""
+    """Return a dataclass field for a range within [low, high]; by default, the range is the nominal value alone."""
     return dataclasses.field(default=(nominal, nominal), metadata={"allowed": (low, high, unit)})
 
 
@@ -60,7 +60,7 @@ class DomainRandomisation:
         force: factor of the case's tip force, if the case has one.
         angle: initial offset of each joint from the reference [rad].
         references: family from which each episode draws one, in place of the environment's reference; all must be for
-        the arm's link lengths. Empty: no draw.
+            the arm's link lengths. Empty: no draw.
 
     Raises:
         TypeError: a range is not of real numbers, or the references are not `Reference` objects.
@@ -94,11 +94,11 @@ class DomainRandomisation:
 
     @property
     def varies(self) -> bool:
-        """Whether anything is drawn."""
+        """Whether an episode draws anything at random."""
         return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
 
     def ranges(self, joints: int) -> np.ndarray:
-        """Return a row (low, high) for every number of `draw_record`; references are drawn from [0, their number)."""
+        """Return rows (low, high), one per number of `draw_record`; the reference's row is (0, len(references))."""
         kind = draw_record(joints)
         table = np.empty((size(kind), 2))
         for name, where in columns(kind)._asdict().items():

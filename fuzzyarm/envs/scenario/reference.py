@@ -46,7 +46,7 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
 
 
 def time_law(x: Any, duration: float) -> tuple[Any, Any, Any]:
-    """Return s, ṡ and s̈ as `quintic_time_law` does, at shares x of the duration, numbers of any type."""
+    """Return s, ṡ and s̈ as `quintic_time_law` does, at fractions x of the duration, numbers of any type."""
     s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
     ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
     dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
@@ -54,7 +54,7 @@ def time_law(x: Any, duration: float) -> tuple[Any, Any, Any]:
 
 
 def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return p, ṗ = p' ṡ, p̈ = p'' ṡ² + p' s̈, (..., d), at times t [s] (...,), of a curve of tip or joints."""
+    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, each (..., d), along a curve p(s(t)) at times t [s] (...,)."""
     s, ds, dds = quintic_time_law(t, duration)
     p, dp, ddp = curve.points(s)
     ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
@@ -62,7 +62,7 @@ def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np
 
 
 def corner_times(corners: ArrayLike, duration: float) -> np.ndarray:
-    """Return the times (k,) [s] at which p̈ has a corner, ascending: both ends and the corners at s (...,)."""
+    """Return the times (k,) [s] at which p̈ has a corner, ascending: both ends, and where s(t) is one of `corners`."""
     return np.unique([0.0, *time_at(corners, duration), duration])
 
 
@@ -157,7 +157,7 @@ class PathReference(Reference):
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center [m] and radius [m] of a `Circle`, `Placed` or not."""
+        """Center [m] and radius [m] if the path is a `Circle`, `Placed` or not; else None."""
         return self.path.circle if isinstance(self.path, Circle | Placed) else None
 
     def tip(self, t: ArrayLike) -> TipSample:
@@ -226,7 +226,7 @@ class JointReference(PathReference):
         return ReferenceSample(q, dq, solved(jacobian, acceleration - centripetal))
 
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return the left unit normals of the path, (..., 2)."""
+        """Return the left unit normals of the path, (..., 2), at times t [s] of shape (...,)."""
         _, derivative, _ = self.path.points(quintic_time_law(t, self.duration)[0])
         length = np.hypot(derivative[..., 0], derivative[..., 1])[..., np.newaxis]
         return np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1) / length
@@ -250,7 +250,7 @@ def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: 
 
 
 def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
-    """Raise unless a path returns three arrays of points with `size` coordinates, as `TipPath` requires."""
+    """Raise unless a path returns p, dp/ds and d²p/ds² as arrays with `size` coordinates, as `TipPath` requires."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
         raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: three NumPy arrays p, dp/ds, d²p/ds²")
@@ -265,7 +265,7 @@ def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
 
 
 def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float]) -> None:
-    """Raise unless every point lies in the reach ring, less the margin to the singular configurations."""
+    """Raise ValueError unless the arm reaches every point (k, 2) [m] with a margin to singular configurations."""
     distance = np.hypot(position[:, 0], position[:, 1])
     most_folded, most_stretched = [0.0, math.pi - _SINGULARITY_MARGIN], [0.0, _SINGULARITY_MARGIN]
     low, high = np.linalg.norm(tip_position(np.array([most_folded, most_stretched]), length), axis=-1)

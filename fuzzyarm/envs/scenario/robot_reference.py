@@ -60,7 +60,7 @@ __all__ = ["EXACT", "SplineReference", "TipReference"]
 
 
 def _checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]:
-    """Return one angle [rad] for each joint, each within the joint's range."""
+    """Return angles [rad], one for each joint; ValueError if one is outside its joint's range."""
     angles = checks.reals(name, values, len(robot), "rad")
     for angle, joint in zip(angles, robot.joints, strict=True):
         low, high = joint.angle_range
@@ -133,7 +133,7 @@ class TipReference(PathReference):
         return self.orientation == "constant" and len(self.robot) >= len(can.motion) + len(can.turning)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
-        """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] of shape (...,)."""
+        """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] (...,); A and P as in `kinematics`."""
         position, velocity, acceleration = along(self.path, t, self.duration)
         task, s = self._task, quintic_time_law(t, self.duration)[0]
         q = task.refined(self._followed(s), position, _ROUNDS)
@@ -143,7 +143,7 @@ class TipReference(PathReference):
         return ReferenceSample(q, dq, solved(matrix, task.moved(acceleration) - task.drifting(now, dq)))
 
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return the left normals of a plane curve that is `Placed`, else `_upward_normals`; (..., 3)."""
+        """Return unit normals (..., 3): the left ones of a plane curve that is `Placed`, else `_upward_normals`."""
         s = quintic_time_law(t, self.duration)[0]
         if isinstance(self.path, Placed):
             return self.path.normals(s)
@@ -151,7 +151,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _task(self) -> TipTask:
-        """The system to solve; the tip of its first posture is on the path."""
+        """The equations to be solved for a posture; in their first posture, the tip is at the start of the path."""
         point = self.path.points(0.0)[0]
         near = np.array(self.posture)
         q, missed = start_posture(self.robot, near, point, self.keeps_orientation)
@@ -168,7 +168,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _followed(self) -> CubicHermiteSpline:
-        """The posture over s, exact at `_NODES`: followed over `_STEPS`, then refined."""
+        """The joint angles as a spline in s, exact at `_NODES`: followed along the path over `_STEPS`, then refined."""
         from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
 
         points, tangents, _ = self.path.points(_STEPS)
@@ -189,7 +189,7 @@ class TipReference(PathReference):
         return solved(self._task.matrix(frames(self.robot, q)), self._task.moved(tangent))
 
     def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Return the posture (n,) for the point (3,) of step k, from the posture `before` and the step (n,)."""
+        """Return the posture (n,) with the tip at `point` (3,), sought from `before` + `step`; errors name step k."""
         q = before + step
         for _ in range(_TRIES):
             with np.errstate(all="ignore"):
@@ -206,7 +206,7 @@ class TipReference(PathReference):
         raise self._lost(k, before, f"the search that starts with the tip at {tip} m found no posture for this point")
 
     def _lost(self, k: int, q: np.ndarray, reason: str) -> ValueError:
-        """Return the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
+        """Return the error for a path that cannot be followed to or beyond step k from the posture q (n,)."""
         time, point = float(time_at(_STEPS[k], self.duration)), self.path.points(_STEPS[k])[0]
         sharp = float(self._task.sharpness(frames(self.robot, q)))
         return ValueError(
@@ -217,11 +217,11 @@ class TipReference(PathReference):
 
     @property
     def _or_free(self) -> str:
-        """The last advice of a message, if the orientation can be left free."""
+        """The end of an error message: the advice to leave the orientation free; empty if it is not kept."""
         return ", or leave the orientation free (orientation='free')" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
-        """Raise if the path leaves the plane in which the tip of a planar robot moves."""
+        """Raise ValueError if the path leaves the plane in which the tip of a planar robot moves."""
         across = np.eye(3) - self._task.motion.T @ self._task.motion
         beside = np.linalg.norm((position - frames(self.robot, self._task.start).tip) @ across, axis=-1)
         k = int(np.argmax(beside))
@@ -337,5 +337,5 @@ class SplineReference(Reference):
 
 
 def _tip_rate(rows: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Return J_v q̇ (..., 3)."""
+    """Return the tip's velocity (..., 3) [m/s] from the Jacobian `rows` (..., 6, n) and joint velocities (..., n)."""
     return np.asarray(np.einsum("...ij,...j->...i", rows[..., LINEAR, :], dq))
