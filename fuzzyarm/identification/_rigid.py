@@ -185,14 +185,14 @@ def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
     (m1, m2), (l1, l2), share = start.mass, start.length, rotor_share(start)
     r2, r1 = max(mr2 / m2, _LEAST * l2), max((mr1 - m2 * l1) / m1, _LEAST * l1)
     i2 = max(c3 - m2 * r2 * r2, _LEAST * c3, 1e-12)
-    own = max(total - m2 * r2 * r2 - i2 - m2 * l1 * l1 - m1 * r1 * r1, _LEAST * total)
+    own = max(total - m2 * r2 * r2 - i2 - m2 * l1 * l1 - m1 * r1 * r1, _LEAST * total, 1e-12)
     viscous1, viscous2, *coulomb = friction
     static = tuple(dry * ratio for dry, ratio in zip(coulomb, static_ratio(start), strict=True))
     return dataclasses.replace(
         start,
         inertia=((1.0 - share) * own, i2),
         mass_center=(r1, r2),
-        motor_inertia=(share * own, max(rotor2, _LEAST * c3)),
+        motor_inertia=(share * own, max(rotor2, _LEAST * c3, 1e-12)),
         viscous_friction=(viscous1, viscous2),
         coulomb_friction=tuple(coulomb),
         static_friction=static,

@@ -159,6 +159,10 @@ def test_an_arm_that_explains_nothing_is_named(logs):
     assert found.doubtful and any("Check units" in remark for remark in found.remarks())
 
 
+def test_least_squares_without_any_inertia_still_begin_at_an_arm():
+    assert min(rigid_arm(np.zeros(9), STIFF).motor_inertia) > 0.0
+
+
 def test_short_parts_are_left_out_and_said(logs, found):
     short = dataclasses.replace(logs[0], angle=logs[0].angle[:150], torque=logs[0].torque[:150], name="short")
     with_short = identify([short, *logs], wrong(1.2, STIFF))
