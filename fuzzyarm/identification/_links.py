@@ -309,7 +309,10 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
 
 
 def _shares(pairs: Sequence[tuple[_Samples, np.ndarray]]) -> tuple[float, ...]:
-    """Return the share of each joint's torque that the parameters leave unexplained: rms residual over rms torque."""
+    """Return the share of each joint's torque that the parameters leave unexplained: rms residual over rms torque.
+
+    The torque of a joint counts as at least a thousandth of the largest joint's, because a motor may be off.
+    """
     left = np.concatenate([(part.torque - part.Y @ pi) * part.moving for part, pi in pairs])
-    torque = np.concatenate([part.torque * part.moving for part, _ in pairs])
-    return tuple(np.sqrt(np.mean(left**2, axis=0) / np.maximum(np.mean(torque**2, axis=0), 1e-300)).tolist())
+    torque = np.sqrt(np.mean(np.concatenate([part.torque * part.moving for part, _ in pairs]) ** 2, axis=0))
+    return tuple((np.sqrt(np.mean(left**2, axis=0)) / np.maximum(torque, 1e-3 * max(torque.max(), 1e-9))).tolist())

@@ -31,6 +31,10 @@ __all__ = ["Identified", "identify"]
 
 _SPRING = 4.0  # largest factor by which an undetermined stiffness is assumed to be wrong
 _DOUBTFUL = 0.7  # least error of a doubtful result, as a share of the motion or the torque
+_LITTLE = (
+    f"The arm explains little of the logs: held-out errors exceed {_DOUBTFUL:g} times the {{}}. Check units, signs and "
+    "delays of the logs, and lengths and masses of the starting arm."
+)
 _MOST_DRAWN = 4  # logs in a figure
 _SHORTEST = HORIZON + 2.0 * EDGE  # s, shortest duration of a log
 _NAMES = [one.name for one in UNKNOWNS]
@@ -154,6 +158,8 @@ def identify(
                 f"{log.name} has {log.angle.shape[1]} joints, but the starting arm has {joints}; give logs of that "
                 "arm, or another starting arm"
             )
+    if not any(log.torque.any() for log in given):
+        raise ValueError("all torques of the logs are zero; choose the columns of torques with --columns tau1=NAME,...")
     step = advance or (lambda: None)
     try:
         if isinstance(start, Robot):
@@ -179,10 +185,11 @@ def _long(logs: Sequence[Log]) -> list[Log]:
 
 
 def _of_robot(logs: list[Log], start: Robot, fit: RobotFit) -> Identified:
+    doubtful = max(fit.held_out.get("robot", (0.0,))) > _DOUBTFUL
     return Identified(
         arm=fit.robot, start=start, ranges=Ranges(), parameters=fit.rows, held_out=fit.held_out,
         held_out_unit="share of the torque, rms", interrupted=fit.interrupted, samples=_samples(logs),
-        doubtful=max(fit.held_out.get("robot", (0.0,))) > _DOUBTFUL, _remarks=fit.remarks,
+        doubtful=doubtful, _remarks=(*[_LITTLE.format("torque")] * doubtful, *fit.remarks),
         _curves=lambda: fit.curves[:_MOST_DRAWN],
     )  # fmt: skip
 
@@ -307,10 +314,7 @@ def _is_doubtful(stages: Stages) -> bool:
 def _remarks(stages: Stages, logs: int) -> list[str]:
     found = ["Lengths, masses, gravity and limits are those of the starting arm: motors alone do not determine them."]
     if _is_doubtful(stages):
-        found.append(
-            f"The arm explains little of the logs: held-out errors exceed {_DOUBTFUL:g} times the motion. Check units, "
-            "signs and delays of the logs, and lengths and masses of the starting arm."
-        )
+        found.append(_LITTLE.format("motion"))
     if stages.untold:
         found.append(
             f"The logs do not determine {', '.join(stages.untold)}: the values of the starting arm are kept. Move both "

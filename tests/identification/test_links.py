@@ -88,6 +88,17 @@ def test_friction_and_constant_torques_are_found_from_a_start_without_friction()
     np.testing.assert_allclose(values, constant, rtol=0.1)
 
 
+def test_torques_that_no_robot_explains_are_named_and_zeros_are_refused():
+    time, robot = np.arange(0.0, 4.0, 2e-3)[:, np.newaxis], robot_named("planar-3r")
+    torque = 10.0 * np.random.default_rng(0).normal(size=(len(time), 3))
+    log = Log(2e-3, np.sin(time * [1.3, 2.1, 3.0]), torque * [1.0, 0.0, 1.0])  # the second motor is off
+    found = identify(log, robot)
+    assert found.doubtful and any("explains little" in remark for remark in found.remarks())
+    assert max(found.held_out["robot"]) < 1e5
+    with pytest.raises(ValueError, match="all torques of the logs are zero; .* --columns tau1=NAME"):
+        identify(dataclasses.replace(log, torque=0.0 * torque), robot)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("planar-3r", 0.07), ("ur5", 0.02)])
 def test_the_torque_of_held_out_logs_is_explained(name, share, tmp_path):
