@@ -93,9 +93,7 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
         "a guest": any(problem.guest),
     }
     if unknown := [words for words, found in odd.items() if found]:
-        raise ValueError(
-            f"an automaton cannot model {' or '.join(unknown)}; choose another set or arm, or remove the shield"
-        )
+        raise ValueError(f"an automaton cannot model {' or '.join(unknown)}; choose another set, arm, case or policy")
     ranges = {f"{field}{j + 1}": plants.of_joint(field, j) for field in _FACTORS for j in range(JOINTS)}
     ranges["payload"] = plants.payload
     head = "time," + ",".join(f"{name}_d{j}" for name in ("q", "dq", "ddq") for j in (1, 2))

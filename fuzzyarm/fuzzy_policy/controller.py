@@ -90,9 +90,9 @@ class Controller(SignedController):
             raise ValueError(f"fastest_pole must not be given with the {self.form} form")
         n_e = self.gains.shape[-1]
         if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
-            raise ValueError("P must be symmetric and block diagonal")
+            raise ValueError(f"P must be symmetric, and block diagonal with a first block of {n_e} x {n_e}")
         if self.weight is not None and self.weight.min() <= 0.0:
-            raise ValueError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
+            raise ValueError(f"weight = {self.weight.tolist()} must contain only numbers above 0")
 
     def _shapes(self) -> dict[str, tuple[int, ...] | None]:
         """Return the shape of each array by name; None for an array that the form does not have."""
@@ -136,7 +136,7 @@ class Controller(SignedController):
         document = checked_fields(content, _SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
-            raise ValueError("the premise bounds do not match the robot parameters: the file was changed")
+            raise ValueError("premise bounds and robot do not match: the file was changed; restore it, or design again")
         arrays: dict[str, Any] = {
             name: None if document[name] is None else np.array(decoded(document[name]))
             for name in (*_ARRAYS, *POLE_ARRAYS)

@@ -106,7 +106,7 @@ class Policy(abc.ABC):
         array = array_of("state", state)
         if array.dtype.kind not in "fiu":
             raise TypeError(
-                f"state = {shown(state)} must be an array of shape (..., {self.memory_size}), as returned by predict"
+                f"state = {shown(state)} must be real numbers of shape (..., {self.memory_size}), as predict returns it"
             )
         if array.shape[-1:] != (self.memory_size,):
             raise ValueError(
@@ -214,7 +214,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
     real_entries("observation", seen)
     size = PARTS * joints
     if seen.ndim not in (1, 2) or seen.shape[-1] != size:
-        raise ValueError(f"observation has shape {seen.shape}; allowed: ({size},) or (lanes, {size})")
+        raise ValueError(f"observation has shape {seen.shape}; allowed: ({size},), or (n, {size}) for n observations")
     batch = np.array(seen, dtype=np.float64, order="C", ndmin=2, copy=None)
     if not batch.flags.carray:
         batch = batch.copy()
@@ -260,7 +260,7 @@ class PassLearner(abc.ABC):
         seen = _checked_observation(observation, self.policy.joints)
         state = self._first(np.zeros((len(seen), self.policy.memory_size))) if state is None else self._checked(state)
         if len(state.memory) != len(seen):
-            raise ValueError(f"state is for {len(state.memory)} lanes, but the observation has {len(seen)}")
+            raise ValueError(f"state belongs to {len(state.memory)} environment(s), but the observation to {len(seen)}")
         torque = self._go_on(seen, state)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 

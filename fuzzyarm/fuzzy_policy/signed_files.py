@@ -46,7 +46,7 @@ def decoded(value: Any) -> Any:
         return [decoded(entry) for entry in value]
     if isinstance(value, dict):
         return {key: decoded(entry) for key, entry in value.items()}
-    raise ValueError(f"{shown(value)} is not an exact hexadecimal float")
+    raise ValueError(f"{shown(value)} must be a hexadecimal float in quotes, such as '0x1.8p+1'")
 
 
 def _digest_of(document: dict[str, Any]) -> str:
@@ -86,7 +86,7 @@ def checked_fields(
     free = [(name, Any, dataclasses.field(default=None)) for name in optional]
     document: Any = record(content, dataclasses.make_dataclass("Document", [*required.items(), *free]))
     if content["digest"] != _digest_of({key: value for key, value in content.items() if key != "digest"}):
-        raise ControllerFileError("the digest does not match: the file was changed after it was written")
+        raise ControllerFileError("the digest does not match: the file was changed; restore it, or design again")
     return {name: getattr(document, name) for name in content}
 
 

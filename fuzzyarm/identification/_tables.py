@@ -202,7 +202,7 @@ def _text(content: bytes) -> Table:
     first = next(begins, next((k for k, row in enumerate(rows) if row), len(rows)))
     kept = [row for row in rows[first:] if row]
     if not kept:
-        raise ValueError(f"none of its {len(lines)} lines is a row of numbers; line 1: {shown(lines[0])}")
+        raise ValueError(f"it begins with {shown(lines[0])} and has no line of numbers; write one for each instant")
     is_numbered = bool((np.diff([row[0] for row in kept]) == 1.0).all())
     later = [
         line for line in itertools.compress(lines[first:], map(operator.not_, rows[first:])) if style.is_worded(line)

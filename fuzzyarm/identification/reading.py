@@ -264,7 +264,7 @@ def _pieces(
                 f"column {shown(table.names[place])} contains no numbers{text}; choose another column with --columns"
             )
     if not whole.any():
-        raise ValueError("no row has numbers in all columns; resample the signals to common instants")
+        raise ValueError("no row has a number in every column that is read; resample the signals to common instants")
     if whole.mean() < _FEWEST_ROWS:
         words = [
             f"{shown(table.texts[place])} in column {shown(table.names[place])}"
@@ -413,8 +413,8 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
     if not long:
         largest = max(len(stamps) for stamps, _ in pieces)
         raise ValueError(
-            f"its longest part without a gap in time of more than {1e3 * longest:.3g} ms has {largest} samples; "
-            f"needed: at least {FEWEST_SAMPLES}; if another column contains the time, name it with --columns time=NAME"
+            f"its longest part without a gap in time of more than {1e3 * longest:.3g} ms has only {largest} of the "
+            f"{FEWEST_SAMPLES} samples needed; if another column contains the time, name it with --columns time=NAME"
         )
     if len(pieces) > 1:
         short = sum(len(stamps) for stamps, _ in pieces) - sum(len(stamps) for stamps, _ in long)

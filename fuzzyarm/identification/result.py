@@ -155,8 +155,8 @@ def identify(
     for log in given:
         if log.angle.shape[1] != joints:
             raise ValueError(
-                f"{log.name} has {log.angle.shape[1]} joints, but the starting arm has {joints}; give logs of that "
-                "arm, or another starting arm"
+                f"{log.name} has {log.angle.shape[1]} joints, but the initial arm (start, --robot) has {joints}; "
+                "give logs of that arm, or another initial arm"
             )
     if not any(log.torque.any() for log in given):
         raise ValueError("all torques of the logs are zero; choose the columns of torques with --columns tau1=NAME,...")
@@ -167,7 +167,7 @@ def identify(
         return _of_stages(given, start, estimated(_long(given), start, stribeck, step))
     except np.linalg.LinAlgError:
         raise ValueError(
-            "the equations built from the logs have no solution; check the units, and look for implausible numbers"
+            "the equations built from the logs have no solution; check their units, and correct implausible numbers"
         ) from None
 
 

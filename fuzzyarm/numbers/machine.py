@@ -146,8 +146,8 @@ class Kernel:
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(
-                f"{len(arrays)} arrays and {len(tables)} tables were given; the program takes {len(program.ports)} "
-                f"arrays and {len(program.tables)} tables"
+                f"{len(arrays)} array(s) and {len(tables)} table(s) were given; the program takes {len(program.ports)} "
+                f"and {len(program.tables)}"
             )
         good = constants.dtype == _DOUBLE and constants.flags.c_contiguous
         if not good or constants.shape != (len(program.constants),):
@@ -175,7 +175,8 @@ class Kernel:
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(
-                    f"table {table} has shape {array.shape}; it must have contiguous float64 rows of shape {shape[1:]}"
+                    f"table {table} has shape {array.shape} and type {array.dtype}; needed: a contiguous float64 array "
+                    f"with {shape[0] or 'one or more'} row(s) of shape {shape[1:]}"
                 )
         lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
         return _Known(arrays, constants, tables, arms, lengths, self.code(arms))

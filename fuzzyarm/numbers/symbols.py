@@ -146,7 +146,7 @@ class Array:
     def __setitem__(self, key: Any, value: Any) -> None:
         first, shape, _ = self._place(key)
         if shape or self.memory.startswith("table"):
-            raise TypeError("an array accepts only single numbers, and a table cannot be changed")
+            raise TypeError("only a single number can be assigned to a place in an array, and none to a table")
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
@@ -162,7 +162,7 @@ class Array:
                 steps.append(step)
             else:
                 if not isinstance(one, Index) and not 0 <= one < size:
-                    raise IndexError(f"index {one} is out of range for an axis of size {size}")
+                    raise IndexError(f"index {one} is out of range; allowed: 0 to {size - 1}")
                 first = first + one * step
         return first, tuple(shape), tuple(steps)
 

@@ -47,7 +47,7 @@ def controller_policy(
     if failed:
         raise ControllerFileError(
             f"{name} is not proven (failed inequalities: {len(failed)}, the first: {failed[0]}): it was changed after "
-            "its design, or was never valid; load_policy(..., allow_unproven=True) loads it without a proof"
+            "its design, or was never valid; design it again (load_policy(..., allow_unproven=True) needs no proof)"
         )
     return policy
 

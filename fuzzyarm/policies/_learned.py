@@ -45,11 +45,11 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
     bundle, label = _bundle(folder), resolve(str(folder)).label
     if isinstance(bundle, PolicyBundle):
         serves = robot == ArmParameters() if bundle.arm is None else robot_of(robot).digest == bundle.arm.digest
-        instead = "computed-torque, design a controller with fuzzyarm design --robot NAME|FILE, or train a policy"
-        instead += " for this arm with fuzzyarm train ppo"
+        instead = "that arm (--robot), computed-torque, design a controller with fuzzyarm design"
+        instead += " --robot NAME|FILE, or train a policy for this arm with fuzzyarm train ppo"
     else:
         serves = bundle.serves(robot)
-        instead = "adaptive-observer, or train one for this arm with fuzzyarm train estimate"
+        instead = "that arm (--robot), adaptive-observer, or train one for this arm with fuzzyarm train estimate"
     if not serves:
         arm = bundle.arm or ArmParameters()
         known = "the arm of Table 1" if arm == ArmParameters() else "another arm"

@@ -69,8 +69,8 @@ class OnnxPolicy(Policy):
         if others or given.type != "tensor(float)" or not sized:
             found = ", ".join(f"{one.name} {one.type} {one.shape}" for one in (given, *others))
             raise ValueError(
-                f"{path}: its inputs are {found}; needed: one input of type tensor(float) and shape (lanes, size) or "
-                "(1, size)"
+                f"{path}: its inputs are {found}; needed: one input of type tensor(float) and shape (n, size), "
+                "for n observations, or (1, size)"
             )
         self._input, self._one_by_one, joints = given.name, lanes == 1, joints_of(robot)
         definition, action = (
@@ -81,7 +81,7 @@ class OnnxPolicy(Policy):
         self._scale, self._calls = np.array(action.scale), action.calls(control_period)
         self.action_period, self._remembered = action.period, features.memory_size
         if (shape := self._run(np.zeros((1, given.shape[1]), np.float32)).shape) != (1, joints):
-            raise ValueError(f"{path}: one lane's output has shape {shape}; needed: actions of shape (1, {joints})")
+            raise ValueError(f"{path}: its output for one observation has shape {shape}; needed: (1, {joints})")
 
     @property
     def memory_size(self) -> int:

@@ -57,7 +57,7 @@ def sb3_policy(
     low, high = (str(data.get("action_space", {}).get(end)) for end in ("low", "high"))
     if {*low.strip("[]").split()} != {"-1."} or {*high.strip("[]").split()} != {"1."}:
         raise ValueError(
-            f"{path}: its actions range from {low} to {high}; those of FuzzyArmLearn-v0 range from -1 to 1"
+            f"{path}: its actions range from {low} to {high}; train on FuzzyArmLearn-v0, where they range from -1 to 1"
         )
     weights, biases, cell, activation, output = _layers(path, tensors)
     inputs = (weights[0] if cell is None else cell.weight_x).shape[1]

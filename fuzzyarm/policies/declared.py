@@ -49,7 +49,7 @@ def stated(given: Any) -> Declared:
     )
     allowed = f"needed: {', '.join(fields)}, each a string of one line"
     if unknown := [name for name in found if name not in fields]:
-        raise ValueError(f"declared has the unknown field {listed(unknown)}; {allowed}")
+        raise ValueError(f"declared has the unknown field(s) {listed(unknown)}; {allowed}")
     if missing := [name for name in fields if name not in found]:
         raise ValueError(f"declared lacks {', '.join(missing)}; {allowed}")
     for name, text in found.items():

@@ -99,7 +99,7 @@ def _printed(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.printed_gains import with_printed_gains
 
     if robot != ArmParameters():
-        raise ValueError(f"{PAPERS[1]} works only on the arm of Table 1; for another arm, use fuzzyarm design")
+        raise ValueError(f"{PAPERS[1]} works only on the arm of Table 1; for another arm, use fuzzyarm design --robot")
     return FuzzyPolicy(with_printed_gains(Controller.load(_PAPERS_FOUR)), control_period)
 
 
@@ -161,8 +161,8 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
     """
     if not (isinstance(name, str) and name) or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
         raise ValueError(
-            f"{name!r} cannot name a policy: a name is a string that neither ends in {TIP} or .json nor contains a "
-            "slash, a backslash or a colon"
+            f"{name!r} cannot name a policy: a name is a non-empty string that neither ends in {TIP} or .json nor "
+            "contains a slash, a backslash or a colon"
         )
     if not callable(factory):
         raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")

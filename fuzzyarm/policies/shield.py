@@ -55,8 +55,8 @@ def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unpro
     _, margin = without_guest(spec.name)
     if spec.shield.guest.name == ANY_GUEST:
         raise ValueError(
-            f"{spec.name} stands for every guest, which only fuzzyarm prove accepts; name a policy instead of "
-            f"{ANY_GUEST}"
+            f"{spec.name} stands for a shield with any policy inside, which only fuzzyarm prove accepts; name a policy "
+            f"instead of {ANY_GUEST}"
         )
     law = spec.shield.law.load(control_period, robot, allow_unproven)
     assert isinstance(law, Policy)
@@ -90,7 +90,7 @@ class _Beside:
             asked = np.asarray(asked, dtype=np.float64)
         except ValueError as error:
             if not self._warned:
-                warnings.warn(f"the guest failed, so the law acts alone: {error}", RuntimeWarning, stacklevel=2)
+                warnings.warn(f"the shield's policy failed; its law acts alone: {error}", RuntimeWarning, stacklevel=2)
             self._warned, asked = True, np.full_like(torque, np.nan)
         near = np.clip(asked, torque - self._margin, torque + self._margin)
         return np.where(np.isnan(asked), torque, near), (own, other)

@@ -275,7 +275,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
             raise ValueError(f"policy {name!a}: its name contains characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
     if len({label.replace(":", "-") for label in specs}) < len(names):  # file names replace ":" by "-", too
-        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
+        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; leave out or rename one")
     return specs
 
 

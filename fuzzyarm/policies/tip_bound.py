@@ -245,21 +245,22 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
-        raise NoBound(f"case {claim.case}: there is no bound with a torque bias or with Gaussian encoder noise")
+        raise NoBound(f"case {claim.case}: no bound with a torque bias or Gaussian encoder noise; choose another case")
     plant = BallPlant.of(parameters, case.disturbance, claim.plants)
     references = schedule.references
     if claim.laps == "ever":
         gap = float(np.abs(references[-1] - references[0]).max())
         if gap > _CLOSED:
             raise ValueError(
-                f"laps = ever needs a closed path; its ends differ by {gap:.3g} rad, rad/s or rad/s²; limit: {_CLOSED}"
+                f"laps = ever needs a closed path, but the references at its ends differ by {gap:.3g} (rad, rad/s or "
+                f"rad/s²); allowed: at most {_CLOSED}"
             )
         references = np.vstack([references[:-1]] * _LAPS + [references[:1]])
     sampled = SampledLaw(policy, references)
     if claim.laps == "ever" and not sampled.repeats(schedule.steps):
         raise NoBound(
             "this law remembers references for longer than a lap, so its second and third laps differ; choose "
-            "laps = one"
+            "laps = one (--laps one)"
         )
     _, info = FuzzyArmEnv(claim.case, reference=reference, **argument_of(parameters)).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
@@ -325,8 +326,8 @@ def find_bound(
         start = tube.state.around() if claims is None else after
     else:
         raise NoBound(
-            f"{name}: the set in which lap {_MOST_LAPS} ends is not inside the set in which it begins: its relative "
-            f"size is {filled:.4g}; allowed: at most 1"
+            f"{name}: the set in which lap {_MOST_LAPS} ends is not inside the set in which this lap begins: its "
+            f"relative size is {filled:.4g}; allowed: at most 1"
         )
     if claims is not None and len(claims) != len(laps):
         raise NoBound(f"{name}: the file contains {len(claims)} laps, but the proof needs {len(laps)}")

@@ -127,7 +127,7 @@ class _Begin:
             for name in ("constants", "columns")
         )
         if len(columns) < numbers:
-            raise ValueError(f"columns has {len(columns)} entries; needed: at least {numbers}")
+            raise ValueError(f"a lap's initial set has {len(columns)} columns; needed: at least {numbers}")
         centre, memory, waiting = point
         return LapSet(centre, memory, waiting, constants.T, columns.T)
 
@@ -337,9 +337,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
         claim = document.claim(len(document.tip))
         bounds = [_claimed_bounds(document), *map(_claimed_bounds, document.later)]
         if resolve(document.policy).files() != document.files:
-            raise ValueError(
-                f"policy {document.policy} has changed since the bound was found; find it again with fuzzyarm prove"
-            )
+            raise ValueError(f"policy {document.policy} was changed after the proof; run fuzzyarm prove again")
         policy = load_policy(without_guest(claim.policy)[0], control_period=PERIOD, robot=claim.arm)
         physics = equations_of(policy.parameters)
         at, laps = layout(physics.joints, physics.axes), list[_Document | _Lap]((document, *document.later))

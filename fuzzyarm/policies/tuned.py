@@ -72,7 +72,7 @@ class TunedLaws:
         if laws.arm_sha256 != robot_of(arm).digest:
             raise ValueError(
                 f"{folder} was tuned for a different arm: give --robot {folder} (robot=), or, if its robot.toml was "
-                "changed, tune it again with fuzzyarm tune --robot"
+                "changed, tune its policies again with fuzzyarm tune --robot FILE"
             )
         return laws
 

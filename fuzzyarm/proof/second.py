@@ -96,7 +96,7 @@ def check(path: Path) -> SecondCheck:
                 found = tube.step(place)
                 for one, other in zip(found, stated, strict=True):
                     if not one <= _LOOSER * min(other + _GRAIN, claim.bound):
-                        raise _Refused(f"the tip error may reach {1e3 * one:.4g} mm; the file says {1e3 * other:.4g}")
+                        raise _Refused(f"the tip error may reach {1e3 * one:.4g} mm, more than the file says")
                 most = max(most, *found[not claim.whole :])
     except (ValueError, ArithmeticError, LookupError, TypeError) as error:
         lap = f" of lap {place // claim.count + 1}" if claim.ever else ""
@@ -142,7 +142,7 @@ def _upper(x: Any) -> float:
     """Return a float that is at least |x| for every x in a ball."""
     found = float(x.abs_upper()) * (1.0 + 2.0**-50) + 1e-300
     if not math.isfinite(found):
-        raise _Refused("an enclosure is not finite")
+        raise _Refused("no finite bound was found for a number in the proof")
     return found
 
 
@@ -343,7 +343,7 @@ class _Fuzzy(_Law):
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         super().__init__({name: _read(value) for name, value in document["robot"].items()}, duration)
         if document["kept"] != ["z1", "z3"] or document["form"] != "consistent" or not document["integral"]:
-            raise _Refused("the controller file must have the consistent form with integral action and keep z1 and z3")
+            raise _Refused("the controller must have the consistent form, integral action, and the premises z1 and z3")
         self._bounds = [[arb(x) for x in _read(document["bounds"])[i]] for i in (0, 2)]
         at = [pair for half in _read(document["gains"]) for pair in half]  # by vertex of A (z3) and of E (z1)
         self._corners = [[list(map(arb, four)) for four in zip(*(pair[j] for pair in at), strict=True)] for j in _BOTH]
@@ -354,7 +354,7 @@ class _Fuzzy(_Law):
     def _gains_at(self, x: list[Any]) -> list[list[Any]]:
         w1, w3 = ((z - low) / (high - low) for z, (low, high) in zip(self._premises(x), self._bounds, strict=True))
         if not all(0 < w < 1 for w in (w1, w3) if isinstance(w, arb)):
-            raise _Refused("a premise may leave its bounds")
+            raise _Refused("the premise z1 or z3 may leave the range for which the controller was designed")
         shares = [(1 - w3) * (1 - w1), (1 - w3) * w1, w3 * (1 - w1), w3 * w1]
         return [[_dot(shares, four) for four in joint] for joint in self._corners]
 
@@ -406,7 +406,7 @@ class _Motion:
 
     def __init__(self, angles: list[list[float]], h: float, begin: float) -> None:
         if len(angles) != 4 or any(len(row) != 8 for row in angles):
-            raise _Refused("the centre of the tube must have four polynomials of degree 7")
+            raise _Refused("angles of a segment must be four polynomials of eight coefficients each")
         rows = [[arb(x) for x in row] for row in angles]
         self.polynomials = [rows]
         for _ in _BOTH:
@@ -443,7 +443,7 @@ def _floats(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
     middle = np.array([float(x.mid()) for x in entries]).reshape(shape)
     radius = np.array([float(x.rad()) for x in entries]).reshape(shape)
     if not np.isfinite(middle).all():
-        raise _Refused("a matrix is not finite")
+        raise _Refused("no finite bound was found for an entry of a matrix in the proof")
     return middle, radius * _UP + 2.0**-52 * np.abs(middle)
 
 
@@ -476,7 +476,7 @@ class _Friction:
         plans = ("any",) if plant.any else ("held", "slip", "monotone", "mixed")
         fits = plan in plans and mode in (-1, 0, 1, 2) and (self.side or plan != "slip")
         if not fits or (plan == "held" and not (self._rests and known == (0.0, 0.0))):
-            raise _Refused(f"motor {joint + 1}: plan {plan!r} and mode {mode!r} do not fit together")
+            raise _Refused(f"motor {joint + 1}: plan {plan!r} does not fit mode {mode!r}, the set or the motion")
         parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
         self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound on |P - σ F(v)|
         self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
@@ -560,12 +560,12 @@ class _Tube:
                 raise _Refused(f"{name} is not the controller file for which the bound was found")
             self._law = _Fuzzy(json.loads(content), claim.duration)
         if any(self._law.robot.get(field) != value for field, value in _TABLE_1.items()):
-            raise _Refused(f"{name} is not for the arm of Table 1")
+            raise _Refused(f"the controller {name} is for another arm, but this checker covers only the arm of Table 1")
         self._plant = plant = _Plant(self._law.robot, claim.plants)
         least, most, sizes = (claim.count if claim.ever else 1), claim.count, claim.sizes
         fits = [least <= a == c <= most and b == a * _SCHEMAS.index(claim.schema) for a, b, c in sizes]
         if claim.ever != (len(fits) > 1) or not all(fits):
-            raise _Refused(f"tip, whole and steps have {sizes} entries; all need the same number, {least} to {most}")
+            raise _Refused(f"tip, whole and steps have {sizes} entries, which do not fit a motion of {most} steps")
         q, nominal = _reference(0.0, claim.duration, plant.length)[0], self._law.nominal
         hung = link_torque(nominal.c, q, [arb(0)] * 2, [arb(0)] * 2)
         start = [*(a + t / k for a, t, k in zip(q, hung, nominal.stiffness, strict=True)), *q]
@@ -585,7 +585,7 @@ class _Tube:
             if self._claim.ever and place % count == 0 and not self._is_inside() and place == steps:
                 place, again = place - count, again - 1
                 if not again:
-                    raise _Refused("the end of the last lap is not inside the set in which the lap began")
+                    raise _Refused("the set in which the last lap ends is not inside the set in which this lap begins")
 
     def step(self, place: int) -> tuple[float, float]:
         """Take a control step; return bounds on the tip error during the step and at its end [m]."""
@@ -667,7 +667,9 @@ class _Tube:
         self._widen(np.concatenate([np.zeros(8), rest, left + _SMALL * (box[4:] + box[:2])]))
         reach = np.abs(torque) + np.abs(self._G[8:10]).sum(axis=1) * _UP
         if not (reach - guest < self._law.robot["torque_limit"]).all():
-            raise _Refused("a motor may reach its torque limit")
+            raise _Refused(
+                f"motor {np.argmax(reach - guest - self._law.robot['torque_limit']) + 1} may reach its torque limit"
+            )
         return torque
 
     def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
@@ -675,7 +677,7 @@ class _Tube:
         p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
         whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
         if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
-            raise _Refused("a segment must have 18 radii, two plans, two modes, and a duration of at most one period")
+            raise _Refused("a segment must have 18 radii >= 0, two plans, two modes, and a duration > 0, up to 1 ms")
         motion, T = _Motion(part["angles"], h, begin), self._claim.duration
         self._move(motion.at(arb(-1)))
 

@@ -71,17 +71,17 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     try:
         content = read_bytes(path, largest=_LARGEST)
     except DocumentError as error:
-        raise CheckpointError(f"{error}; restart the training from the beginning") from None
+        raise CheckpointError(f"{error}; start a new run in another folder") from None
     except OSError as error:
         raise CheckpointError(f"{path}: {error.strerror or error}; there is nothing to resume here") from None
     line, _, data = content.partition(b"\n")
     schema, _, digest = line.partition(b" ")
     if schema != _SCHEMA:
         raise CheckpointError(
-            f"{path} is not a checkpoint of this version ({_SCHEMA.decode()}); restart the training from the beginning"
+            f"{path} is not a checkpoint of this version ({_SCHEMA.decode()}); start a new run in another folder"
         )
     if hashlib.sha256(data).hexdigest().encode() != digest:
-        raise CheckpointError(f"{path} is damaged (its sha256 differs); restart the training from the beginning")
+        raise CheckpointError(f"{path} is damaged (its sha256 differs); start a new run in another folder")
     try:
         _check_archive(data)
         with warnings.catch_warnings():
@@ -91,11 +91,11 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a crafted archive or pickle may raise anything
         reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
-            f"{path} is not a valid checkpoint: {reason}; restart the training from the beginning"
+            f"{path} is not a valid checkpoint: {reason}; start a new run in another folder"
         ) from None
     if not isinstance(loaded, dict):
         raise CheckpointError(
-            f"{path} does not contain a mapping of names to values; restart the training from the beginning"
+            f"{path} does not contain a mapping of names to values; start a new run in another folder"
         )
     return loaded
 
@@ -226,7 +226,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         real("learner.optimizer.lr", group["lr"], low=0.0)
         changed = [name for name, value in own.items() if name != "lr" and group[name] != value]
         if changed:
-            raise ValueError(f"learner.optimizer differs from that of this training run in {', '.join(changed)}")
+            raise ValueError(f"learner.optimizer has other values than in this training run: {', '.join(changed)}")
     for place, moments in instance("learner.optimizer.state", found["optimizer"]["state"], dict).items():
         parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)].detach()
         name = f"learner.optimizer.state.{place}"

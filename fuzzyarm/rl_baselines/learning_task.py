@@ -300,7 +300,7 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
         """Build the environment; arguments as in the class docstring."""
         for name in ("num_envs", "threads", "autoreset_mode"):
             if name in arguments:
-                raise TypeError(f"{name} is for a batch of environments: leave it out, or use gymnasium.make_vec")
+                raise TypeError(f"{name} applies only to vector environments: leave it out, or use gymnasium.make_vec")
         self._lane = FuzzyArmLearnVectorEnv(
             1, case, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode, threads=1, **arguments
         )

@@ -116,13 +116,13 @@ class StableBaselinesVecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Raise NotImplementedError, since lanes have no attributes of their own."""
         raise NotImplementedError(
-            f"{attr_name!r} cannot be set: lanes have no attributes of their own; give one value per lane as an "
-            "argument of gym.make_vec"
+            f"{attr_name!r} cannot be set: a batch has no separate environment objects; give one value per environment "
+            "as an argument of gymnasium.make_vec"
         )
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Raise NotImplementedError, since lanes have no environment objects of their own."""
-        raise NotImplementedError(f"{method_name!r} cannot be called: lanes have no environment objects of their own")
+        raise NotImplementedError(f"{method_name!r} cannot be called: a batch has no separate environment objects")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Return, for each lane, True for `Monitor`, whose ``episode`` infos the lanes provide, else False."""
@@ -149,7 +149,7 @@ class StableBaselinesVecEnv(VecEnv):
             return None
         names = set(self._options[0])
         if any(set(options) != names for options in self._options):
-            raise ValueError("reset options must have the same keys in every lane")
+            raise ValueError("reset options must have the same keys for every environment")
         return {name: [options[name] for options in self._options] for name in names}
 
     def _chosen(self, indices: VecEnvIndices) -> list[int]:

@@ -84,7 +84,7 @@ class Training:
         if config.base != "none":
             if not resolve(config.base).named:  # a bundle stores the name of its base, not a file
                 names = ", ".join(known_names())
-                raise ValueError(f"base = {shown(config.base)} is not the name of a policy; choose from: {names}")
+                raise ValueError(f"base = {shown(config.base)} is not the name of a policy; choose from: none, {names}")
             self._base = load_policy(config.base, control_period=_EVALUATION_PERIOD, robot=self.arm)
         self.envs = _envs_of(config)
         self.algorithm = self._spec.create(config, self.envs)
@@ -109,7 +109,7 @@ class Training:
             done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"{folder / CHECKPOINT} does not fit this version of fuzzyarm: {error}; start a new training run"
+                f"{folder / CHECKPOINT} does not fit this version of fuzzyarm: {error}; train in another folder"
             ) from None
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} contains a training run with {found['algorithm']}; choose another folder")
@@ -125,7 +125,7 @@ class Training:
         if config.total_timesteps < done:
             raise ValueError(
                 f"total_timesteps = {config.total_timesteps} is below the {done} steps already done in {folder}; "
-                "give a larger number, or start a new training run"
+                "give a larger number, or start a new training run in another folder"
             )
         training = cls(config, folder)
         if robot_of(training.arm).digest != arm:
@@ -143,7 +143,7 @@ class Training:
         except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not match this training run ({reason}); restart the training from the beginning"
+                f"the checkpoint does not match this training run ({reason}); start a new run in another folder"
             ) from None
         return training
 

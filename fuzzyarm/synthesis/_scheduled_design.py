@@ -103,7 +103,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     """
     n = len(instance("robot", robot, Robot))
     if n > _MOST_JOINTS:
-        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available for at most {_MOST_JOINTS}")
+        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available for at most {_MOST_JOINTS} joints")
     begin = time.perf_counter()
     premises = instance("specification", specification, ScheduledSpecification).premises
     alpha = specification.alpha or ALPHAS[0]
@@ -131,7 +131,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
         if certificate.proven:
             return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
         failed = next(claim.name for claim in certificate.claims if not claim.proven)
-    raise DesignFailed(f"the design is not proven: the inequality {failed} fails")
+    raise DesignFailed(f"the design is not proven: the inequality {failed} fails; choose a smaller alpha or more rules")
 
 
 def _chosen(
@@ -197,9 +197,8 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
     found = best_feedback(kappa, rate, pole)
     if found is None:
         raise DesignFailed(
-            f"no feedback has a fastest pole of {pole:.6g} 1/s; it must be above (3 kappa - 2)(alpha + mu) = "
-            f"{lowest:.6g} 1/s, with kappa = {kappa:g} and alpha + mu = {rate:.6g} 1/s: raise fastest_pole, lower "
-            "alpha, or use more rules"
+            f"no feedback was found for fastest_pole = {pole:.6g} 1/s; with this robot, alpha and number of rules, it "
+            f"must be well above {lowest:.6g} 1/s: raise fastest_pole, lower alpha, or use more rules"
         )
     return found
 

@@ -86,8 +86,8 @@ class Specification:
         missing = [name for name in ("alpha", "gamma", "gain_bound") if getattr(self, name) is None]
         if len(missing) > 1:
             raise ValueError(
-                f"{' and '.join(missing)} are left open, but only one of alpha, gamma, gain_bound can be optimised: "
-                "give the others"
+                f"{', '.join(missing[:-1])} and {missing[-1]} are left open, but only one of alpha, gamma, gain_bound "
+                "can be optimised: give numbers for the others"
             )
 
     @property

@@ -149,7 +149,7 @@ def test_a_joint_that_rests_keeps_the_start_and_a_resting_arm_is_refused(logs):
     rest = Log(4e-3, np.full((500, 2), 0.3), np.full((500, 2), 3.0))
     with pytest.raises(ValueError, match=r"too little excitation: no joint moves .*--suggest"):
         identify(rest, TRUTH)
-    with pytest.raises(ValueError, match="log has 2 joints, but the starting arm has 6"):
+    with pytest.raises(ValueError, match=r"log has 2 joints, but the initial arm \(start, --robot\) has 6"):
         identify(rest, robot_named("ur5"))
 
 
@@ -184,7 +184,7 @@ def test_an_error_as_large_as_the_motion_is_doubtful_and_equations_without_a_sol
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr("fuzzyarm.identification.result.estimated", estimated)
-    with pytest.raises(ValueError, match="have no solution; check the units"):
+    with pytest.raises(ValueError, match="have no solution; check their units"):
         identify(logs, STIFF)
 
 

@@ -259,14 +259,14 @@ REFUSED = [
     (
         "sparse.csv",
         FIVE + "\n" + "\n".join(f"{t},0.1,0.2,," if k % 2 else f"{t},,,1,2" for k, t in enumerate(TIME)),
-        "no row has numbers in all columns",
+        "no row has a number in every column that is read",
     ),
     ("log.csv", "", "it is empty; needed: a heading such as time,q1,q2,tau1,tau2"),
     ("log.csv", "\n" * 900, "it is empty"),
     (
         "log.csv",
         SHORT,
-        "its longest part without a gap in time of more than 20 ms has 98 samples; needed: at least 100",
+        "its longest part without a gap in time of more than 20 ms has only 98 of the 100 samples needed",
     ),
     ("log.csv", "1\n2\n3\n" * 200, "neither comma, semicolon, tab nor space divides its lines into 3 or more columns"),
     ("log.csv", bytes(range(256)) * 40, "it is not text; a log must be CSV"),

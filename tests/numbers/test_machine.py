@@ -157,7 +157,7 @@ FITTING = np.zeros((4, 3)), np.zeros((4, 4))
         ((np.zeros((4, 2)), FITTING[1]), TABLE, r"shape \(4, 2\)"),
         ((FITTING[0], np.zeros((5, 4))), TABLE, r"array 1 \(for 4 arms\) has shape \(5, 4\)"),
         ((np.zeros((4, 6))[:, ::2], FITTING[1]), TABLE, "strides"),
-        (FITTING[:1], TABLE, "2 arrays and 1 tables"),
+        (FITTING[:1], TABLE, r"1 array\(s\) and 1 table\(s\) were given; the program takes 2 and 1"),
         (FITTING, np.zeros((0, 3)), "table 0 has shape"),
         (FITTING, np.zeros((2, 4)), "table 0 has shape"),
         (FITTING, np.zeros((2, 3), np.float32), "table 0 has shape"),

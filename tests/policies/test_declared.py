@@ -112,7 +112,10 @@ def test_a_learned_folder_declares_what_its_bundle_records(name):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({**OWN, "preview": "p"}, "declared has the unknown field preview; needed: objective, tuned_on, knows, sees"),
+        (
+            {**OWN, "preview": "p"},
+            "declared has the unknown field(s) preview; needed: objective, tuned_on, knows, sees",
+        ),
         ({**OWN, "sees": "two\nlines"}, "sees = 'two\\nlines' is not allowed"),
         ("all", "declared lacks objective"),
     ],

@@ -64,11 +64,11 @@ def test_it_is_the_bundle_of_the_same_layers(history, lanes, tmp_path):
     ("given", "message"),
     [
         ({"size": 11}, "its input has 11 numbers; an observation of FuzzyArmLearn-v0 has 10"),
-        ({"size": 10, "outputs": 3}, r"one lane's output has shape \(1, 3\); needed: actions of shape \(1, 2\)"),
+        ({"size": 10, "outputs": 3}, r"its output for one observation has shape \(1, 3\); needed: \(1, 2\)"),
         ({"size": 10, "extra": ("h",)}, r"its inputs are x tensor\(float\) \['n', 10\], h"),
         (
             {"size": 10, "lanes": 4},
-            r"its inputs are x tensor\(float\) \[4, 10\]; needed: .* \(lanes, size\) or \(1, size\)",
+            r"its inputs are x tensor\(float\) \[4, 10\]; needed: .* \(n, size\), for n observations, or \(1, size\)",
         ),
         ({"size": 10, "kind": TensorProto.DOUBLE}, "is not an ONNX model that onnxruntime can run"),
     ],

@@ -116,7 +116,7 @@ def test_two_policies_of_one_label_are_refused():
     assert list(resolve_all(["fuzzy-4", "a/b.json", "ppo-robust"])) == ["fuzzy-4", "b", "ppo-robust"]
     trained = ["runs/one/policy", "runs/two/policy", "runs/two/best", "policy"]
     assert list(resolve_all(trained)) == ["one", "two", "two-best", "policy"]
-    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; rename a file or folder"):
+    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; leave out or rename one"):
         resolve_all(["a/b.json", "c/b"])
 
 

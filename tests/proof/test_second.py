@@ -62,7 +62,7 @@ FORGED = {
     "a motor that rests": (_held, "plan 'held'"),
     "another side": (lambda d: d["steps"][AT][0].update(plans=["slip", "slip"], modes=[1, 1]), "may stop"),
     "another centre": (_shift, "; its radius is"),
-    "a missing step": (lambda d: d["steps"].pop(AT), "all need the same number, 1 to 1500"),
+    "a missing step": (lambda d: d["steps"].pop(AT), "do not fit a motion of 1500 steps"),
     "a missing end": (lambda d: (d["steps"].pop(), d["steps"].append([])), "its segments last"),
     "a smaller bound": (lambda d: d.update(bound=0.9 * d["bound"]), "the tip error may reach"),
     "a smaller tip": (lambda d: d["tip"].__setitem__(AT, 0.9 * d["tip"][AT]), "the tip error may reach"),

@@ -140,7 +140,7 @@ def test_a_crafted_archive_is_refused(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, data = tmp_path / "checkpoint.pt", ARCHIVES[name]()
     path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
-    refused(path, "is not a valid checkpoint: .*; restart the training from the beginning")
+    refused(path, "is not a valid checkpoint: .*; start a new run in another folder")
     assert not (tmp_path / "run-by-pickle").exists()
 
 

@@ -158,7 +158,7 @@ def test_units_scale_with_the_arm():
 def test_motors_too_weak_for_any_course_are_named():
     weak = dataclasses.replace(ARM, torque_limit=(30.0, 10.0))
     with pytest.raises(
-        ValueError, match=r"only 0 of 100 random motions and loads stay within the motors' torque limits; raise"
+        ValueError, match=r"only 0 of 100 random motions and loads stay within the motors' torque limits; needed: "
     ):
         draw_courses(weak, 1, PERIOD, np.random.default_rng(0))
 

@@ -97,7 +97,7 @@ class Period:
             except PlanFails as failed:
                 certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
                 plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
-        raise NoBound("no combination of friction plans fits the tube")
+        raise NoBound("no combination of friction plans was found that fits the tube")
 
     def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
         if friction == "any":
@@ -140,13 +140,14 @@ class Period:
                 drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
                 return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
             if claimed is not None:
-                raise NoBound(f"the motion may leave the claimed tube, in row {int(np.argmax(reached - tube))}")
+                raise NoBound(f"the motion may leave the claimed tube, in row {int(np.argmax(reached - tube)) + 1}")
             if not (reached[self._rows.theta].max() < _LARGEST and reached[self._rows.link].max() < _LARGEST):
                 break
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[self._rows.link].sum(axis=0) * torques))
         raise NoBound(
-            f"no tube was found: a wider one increases the torque on {self._name(worst)}, up to {torques[worst]:.3g}"
+            f"no tube was found: the torque [N m] or force [N] on {self._name(worst)} grows with its width, up to "
+            f"{torques[worst]:.3g}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:

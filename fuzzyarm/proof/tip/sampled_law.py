@@ -59,7 +59,7 @@ class SampledLaw:
         if law is None:
             raise NoBound(
                 f"there is no bound for {shown(type(policy).__name__)}: it defines no `Law`; choose a fuzzy policy or "
-                "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
+                "computed-torque, with or without the ending -tip, elastic-observer or a learned policy"
             )
         self._law, self._references, self._joints = law, references, policy.joints
         self._measured = 2 * policy.joints  # length of (θ, θ̇), which precedes the memory

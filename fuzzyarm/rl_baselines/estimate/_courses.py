@@ -133,7 +133,7 @@ def _draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> 
     if len(scenarios) < count:
         raise ValueError(
             f"only {len(scenarios)} of {_TRIES * count} random motions and loads stay within the motors' torque "
-            "limits; raise the arm's torque_limit"
+            f"limits; needed: {count}. Raise the arm's torque_limit"
         )
     return scenarios
 

@@ -142,7 +142,7 @@ class TestProtocol:
     def test_wrong_shapes_are_named(self, name):
         policy = loaded(name)
         for shape in ((9,), (2, 11), (1, 2, 10), ()):
-            with pytest.raises(ValueError, match=r"allowed: \(10,\) or \(lanes, 10\)"):
+            with pytest.raises(ValueError, match=r"allowed: \(10,\), or \(n, 10\) for n observations"):
                 policy.predict(np.zeros(shape))
         with pytest.raises(ValueError, match="state has shape"):
             policy.predict(np.zeros((3, 10)), state=np.zeros((2, policy.memory_size)))

@@ -110,7 +110,7 @@ def test_an_object_with_a_state_of_its_own_is_a_guest_and_its_first_failure_is_a
     policy = shielded("fuzzy-4-tip", Own(), MARGIN)
     with pytest.warns(
         RuntimeWarning,
-        match="the guest failed, so the law acts alone: Own: predict failed.*is gone",
+        match="the shield's policy failed; its law acts alone: Own: predict failed.*is gone",
     ):
         torque, own, _ = _rollout(policy, steps=3, beside=law)
     np.testing.assert_allclose(torque - own, [[4.0, 2.0], [4.0, 2.0], [0.0, 0.0]], atol=1e-9)
@@ -141,7 +141,7 @@ def test_an_observer_is_not_written_in_float_because_it_is_a_guest(tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("shield:fuzzy-4-tip:any:4,2", "stands for every guest, which only fuzzyarm prove accepts"),
+        ("shield:fuzzy-4-tip:any:4,2", "stands for a shield with any policy inside, which only fuzzyarm prove accepts"),
         ("shield:fuzzy-4-tip:ppo-robust:4", "must be 2 real numbers"),
         ("shield:fuzzy-4-tip:ppo-robust:a,b", "its margin 'a,b' must be one torque for each joint"),
         ("shield:fuzzy-4-tip:ppo-robust:-1,2", r"margin\[0\] = -1.0 N m is out of range"),

@@ -66,7 +66,7 @@ def test_after_a_reading_from_which_no_torque_follows_the_state_goes_on_as_if_it
 def test_what_is_no_state_is_refused_by_name():
     passes, learning = PASSES.predict(SEEN[0])[1], LEARNING.predict(SEEN[0])[1]
     for use, state, message in (
-        (ADAPTIVE.beliefs, ["a"], rf"= \['a'\] must be an array of shape \(..., {SIZE}\)"),
+        (ADAPTIVE.beliefs, ["a"], rf"= \['a'\] must be real numbers of shape \(..., {SIZE}\)"),
         (ADAPTIVE.beliefs, np.zeros(3), rf"has shape \(3,\); allowed: \(..., {SIZE}"),
         (PASSES.beliefs, None, "= None must be the PassState"),
         (
@@ -82,7 +82,11 @@ def test_what_is_no_state_is_refused_by_name():
         ),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), "must be the PassState"),
         (LEARNING.begin_pass, None, "= None must be the LearnedTorque returned by predict"),
-        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "is for 2 lanes, but the observation has 1"),
+        (
+            lambda state: LEARNING.predict(SEEN[0, 0], state),
+            learning,
+            "belongs to 2 environment.*, but .* to 1",
+        ),
     ):
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
             use(state)

@@ -57,7 +57,7 @@ def test_a_narrower_tube(true, twin, tmp_path, row):
         tube[row] *= 0.9
         return segment, dataclasses.replace(closed, tube=tube)
 
-    refused(with_part(true, AT, narrow), twin, tmp_path / "forged.json", f"{LEFT} {row}")
+    refused(with_part(true, AT, narrow), twin, tmp_path / "forged.json", f"{LEFT} {row + 1}")
 
 
 def test_smaller_numbers_of_the_tip(true, twin, tmp_path):

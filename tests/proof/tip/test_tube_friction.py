@@ -181,5 +181,5 @@ def test_what_the_friction_says_of_its_curve_is_checked(monkeypatch, change):
         check_curve(arm, 2)
     for module in (friction_module, defects):
         monkeypatch.setattr(module, "STRIBECK", STRIBECK._replace(**change))
-    with pytest.raises(NoBound, match="the friction of motor 1 does not match the Stribeck curve of its parameters"):
+    with pytest.raises(NoBound, match="motor 1: friction is not a Stribeck curve that falls from"):
         check_curve(ARM, 2)

@@ -179,9 +179,9 @@ class PolicyBundle(Trained):
     def __post_init__(self) -> None:
         joints = len(self.action.scale)
         if self.features.joints != joints:
-            raise ValueError(f"the features are for {self.features.joints} joints, but the action has {joints} scales")
+            raise ValueError(f"features.joints = {self.features.joints}, but action.scale is for {joints} joint(s)")
         if self.arm is None and joints != _PAPERS_JOINTS:
-            raise ValueError(f"a policy for {joints} joints must name its arm, but this one does not")
+            raise ValueError("arm is missing; only a policy for the two-joint arm of Table 1 may omit it")
         found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
             text = "the network has {} inputs and {} outputs; the features and the action need {} and {}"
@@ -242,7 +242,7 @@ class _Description:
 def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -> Network:
     layers = range(len(tensors) // 2)
     if set(tensors) != {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")} or not layers:
-        raise ValueError(f"{WEIGHTS} contains {listed(tensors)}; needed: layer0.weight, layer0.bias, ...")
+        raise ValueError(f"{WEIGHTS} has the arrays ({listed(tensors)}); needed: layer0.weight, layer0.bias, ...")
     mean, std = np.array(description.mean, dtype=np.float64), np.array(description.std, dtype=np.float64)
     weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
     network = Network(mean, std, description.clip, weights, biases, description.activation, description.output)

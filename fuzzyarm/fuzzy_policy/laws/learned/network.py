@@ -213,7 +213,7 @@ class Network:
             finite_array(f"layer {number}: bias", bias, (outputs,))
             inputs = outputs
         if not np.all(self.std > 0.0):
-            raise ValueError("std must contain only positive numbers")
+            raise ValueError("std, the standard deviations of the features, must contain only positive numbers")
 
     @property
     def sizes(self) -> tuple[int, ...]:

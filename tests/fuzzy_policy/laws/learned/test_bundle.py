@@ -51,7 +51,7 @@ DAMAGES = (
     (edited(run="rm"), "unknown field run"),
     (edited("network", mean=["1"] * 20), r"Expected `float`, got .* at `network\.mean"),
     (edited("network", std=[float("nan")] * 20), "NaN is not a JSON number"),
-    (edited("network", std=[0.0] * 20), "std must contain only positive numbers"),
+    (edited("network", std=[0.0] * 20), "std, .*, must contain only positive numbers"),
     (edited("network", mean=[0.0] * 19), r"std has shape \(20,\); allowed: \(19,\)"),
     (edited("network", sizes=[20, 2]), r"policy.json says \[20, 2\]"),
     (edited("network", activation="elu"), "activation = 'elu' is unknown"),
@@ -64,7 +64,7 @@ DAMAGES = (
     (resealed(**{"layer0.bias": np.full(16, np.inf, np.float32)}), "layer 0: bias contains numbers that are not fin"),
     (resealed(**{"layer0.bias": np.zeros(16)}), "layer0.bias has type float64"),
     (resealed(**{"layer1.weight": np.zeros((8, 15), np.float32)}), r"layer 1: weight has shape \(8, 15\)"),
-    (resealed(save({"w": np.zeros(3, np.float32)})), "contains w; needed"),
+    (resealed(save({"w": np.zeros(3, np.float32)})), r"has the arrays \(w\); needed"),
     (resealed(b"\x80\x04."), "weights.safetensors is damaged"),
 )
 

@@ -171,8 +171,8 @@ def test_a_bundle_is_for_its_arm_alone(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (edited(arm="gone"), "a policy for 3 joints must name its arm"),
-        (edited("features", joints=2), "the features are for 2 joints, but the action has 3 scales"),
+        (edited(arm="gone"), "arm is missing; only a policy for the two-joint arm"),
+        (edited("features", joints=2), "features.joints = 2, but action.scale is for 3 joint"),
         (edited("features", joints=13), "joints = 13 is out of range"),
         (edited("arm", digest=7), r"at `arm.digest`"),
         (edited("arm", more=7), "unknown field more"),

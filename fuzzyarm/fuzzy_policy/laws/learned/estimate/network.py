@@ -111,7 +111,7 @@ class EstimateNetwork:
             raise ValueError(f"U has {self.hidden} rows and P has {len(self.P)}; allowed: 1 to {LARGEST_MEMORY} each")
         if len(self.V) == 0 or self.axes not in _AXES:
             needed = "for n joints, V needs n rows, and A needs 11 n + 4 or 11 n + 5 columns"
-            raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, which fit no arm; {needed}")
+            raise ValueError(f"the arrays A {self.A.shape} and V {self.V.shape} fit no arm; {needed}")
         for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():
             object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
 
@@ -231,7 +231,7 @@ class EstimateBundle(Trained):
             if set(tensors) != names:
                 raise ValueError(f"the weights are {listed(tensors)}; needed: {', '.join(sorted(names))}")
             if (found.arm is None) == (found.parameters is None):
-                raise ValueError("the arm must be given by exactly one of the entries parameters and arm")
+                raise ValueError("exactly one of the entries 'parameters' and 'arm' must be given, to describe the arm")
             arm = found.arm or ArmParameters.from_dict(found.parameters or {})
             period = checked_period("control_period", found.control_period)
             return cls(EstimateNetwork(**tensors), arm, period, **trained)
