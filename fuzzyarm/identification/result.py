@@ -128,11 +128,7 @@ class Identified:
 
 
 def identify(
-    logs: Log | Sequence[Log],
-    start: AnyArm,
-    advance: Callable[[], None] | None = None,
-    *,
-    stribeck: bool = False,
+    logs: Log | Sequence[Log], start: AnyArm, advance: Callable[[], None] | None = None, *, stribeck: bool = False
 ) -> Identified:
     """Return the arm that fits the logs best, with confidence intervals and errors on held-out logs.
 
@@ -282,11 +278,8 @@ def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
     arm, by_name = stages.arm, {row["name"]: row for row in rows}
     rotors, springs = [], []
     for joint in (0, 1):
-        whole, rotor, spring = (
-            arm.inertia[joint] + arm.motor_inertia[joint],
-            arm.motor_inertia[joint],
-            arm.stiffness[joint],
-        )
+        rotor, spring = arm.motor_inertia[joint], arm.stiffness[joint]
+        whole = arm.inertia[joint] + rotor
         row = by_name.get(f"motor_inertia[{joint}]", {"low": None})
         ends = (_ROTOR[0] * whole, _ROTOR[1] * whole) if row["low"] is None else (row["low"], row["high"])
         rotors.append((min(rotor, max(ends[0], 0.01 * whole)), max(rotor, min(ends[1], _ROTOR[1] * whole))))
