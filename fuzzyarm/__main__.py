@@ -1,4 +1,4 @@
-"""``python -m fuzzyarm``."""
+"""The command line of the package, started by ``python -m fuzzyarm``."""
 
 from fuzzyarm.cli import entry_point
 

@@ -1,1 +1,1 @@
-"""Export of a law: as a sheet of equations and numbers, and as C."""
+"""Export of a control law: a sheet of equations and numbers, C, ONNX, FMUs, and a hybrid automaton."""

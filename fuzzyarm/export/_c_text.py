@@ -61,7 +61,7 @@ class _Program(Program):
         super().__init__(*given)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Record the call of a function of numbers and records, see `numbers.functions.apart`."""
+        """Record the call of a function marked `apart` and return its results; known arguments give known results."""
         numbers = [self._real(one) for one in flat(arguments)]
         if not any(isinstance(one, Symbol) for one in numbers):
             return function(*arguments)
@@ -71,7 +71,7 @@ class _Program(Program):
         return like(own.result, results)
 
     def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> _Function:
-        """Record a function; calling it with placeholders shows the shape of its result."""
+        """Record a function and return it; calling it with nan for each number shows the shape of its result."""
         result = function(*like(arguments, itertools.repeat(math.nan)))
 
         def whole(given: Any, *_: Any) -> tuple[Any, Any]:
@@ -115,9 +115,9 @@ class Recorded(_Program):
     ) -> None:
         """Record a function of numbers; `Unsupported` if it does something that cannot be written in C.
 
-        `given` contains the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`.
-        `words`, `LAW` or `MODEL`, names the arrays; `source` names the recorded function of the package; `contents` has
-        the content of the tables.
+        `given` contains the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`;
+        `results` is the number of results. `words`, `LAW` or `MODEL`, names the arrays; `source` names the recorded
+        function of the package; `contents` has the content of the tables.
         """
         (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
 
@@ -218,7 +218,7 @@ void {name}_init({name}_state *state);
 
 
 def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
-    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C.
+    """Return the program of a policy; `Unsupported` if it has no law, has too large tables, or cannot be written in C.
 
     With `limits_given`, the memory begins with the torque limits [N m].
     """
@@ -291,7 +291,7 @@ _LOOSE = {*_FORMS, "real"} - {"not"}  # operations whose text needs brackets as 
 
 
 def _literal_of(number: float, real: str) -> str:
-    """Return a number as text; if too small for "float", the smallest normal one, since it guards a division."""
+    """Return a number as C text; if too small for "float", the smallest normal number, since it guards a division."""
     if not math.isfinite(number):  # C99 has no literal for it
         top = _literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
         return f"({top} / {_literal_of(0.0, real)})"
@@ -348,7 +348,7 @@ class _Uses:
         return [need for value, where in self._stored[memory] for need in ((value, where), *self._decided(where))]
 
     def _decided(self, region: Region | None) -> list[tuple[Any, Region | None]]:
-        """Return the conditions under which a region is run."""
+        """Return the conditions under which a region is run, in pairs with None (the text must be a name)."""
         if region is None:
             return []
         own: list[tuple[Any, Region | None]] = [(self._conditions[region], None)] if region in self._conditions else []
@@ -357,14 +357,14 @@ class _Uses:
 
 class _Writer:
     def __init__(self, of: Recorded, real: str) -> None:
-        """Set up the writer; `real` is "double" or "float"."""
+        """Set up the writer of the C text of a recorded program; `real` is "double" or "float"."""
         self.used, self.tables = set[Any](), set[int]()  # used names of `_HELPERS` and functions; used tables
         self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
         self._called: dict[Any, list[str]] = {}
 
     def step(self) -> list[str]:
-        """Return the lines of the step."""
+        """Return the C lines in the body of the program's step function."""
         program, (given_word, result_word) = self._of, self._of.words
         memory, given, results = program.ports
         places = [f"state->memory[{k}]" for k in range(memory)] + [f"{given_word}[{k}]" for k in range(given)]
@@ -379,7 +379,7 @@ class _Writer:
         return self._lines(program, inputs, changed)
 
     def function(self, one: _Function) -> str:
-        """Return the definition of a function."""
+        """Return the C definition of a function that stays separate."""
         given, results = one.program.ports
         inputs = {one.program.inputs[k]: (name, "") for k, name in one.parameters}
         names = [f"{self._real} {name}" for _, name in one.parameters]
@@ -393,7 +393,7 @@ class _Writer:
     def _lines(
         self, program: Program, inputs: dict[Symbol, tuple[str, str]], outputs: Sequence[tuple[str, Any]]
     ) -> list[str]:
-        """Return the lines of a function.
+        """Return the C lines in the body of a function.
 
         `inputs` gives, for each input, its C name and the expression from which it is read, or "" if this variable
         exists already. `outputs` are pairs of a statement, with {} as the placeholder for a number, and that number.
@@ -440,7 +440,7 @@ class _Writer:
         return [f"{indent}const {self._kind(one)} {name} = {text};"]
 
     def _call(self, one: Symbol, indent: str) -> list[str]:
-        """Return the call of a function with several results; the call is written once for all results."""
+        """Return the C lines of a call with several results; empty if the same call was written before."""
         function, number = one.detail
         texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
         key = (function.name, one.region, *texts)
@@ -463,7 +463,7 @@ class _Writer:
         return f"{letter}{self._names}"
 
     def _loop(self, loop: Loop, indent: str) -> list[str]:
-        """Return a loop; its carried numbers are variables, assigned after all their next values are computed."""
+        """Return the C lines of a loop; the numbers that it carries are assigned after all next values are computed."""
         if isinstance(loop.count, Symbol):
             raise Unsupported(f"{self._of.source} has a loop whose number of iterations is known only at run time")
         parts = zip(loop.start, loop.inside, loop.end, loop.after, strict=True)
@@ -534,7 +534,7 @@ class _Writer:
         return f"{name}_({_bare(texts[0])})"
 
     def _place(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the text of an entry of an array or a table."""
+        """Return the C text of an entry of an array or a table; `constant` and `terms` are as for `_index`."""
         if memory.startswith("table"):
             number = int(memory.removeprefix("table"))
             if not terms:
@@ -552,7 +552,7 @@ class _Writer:
 
 
 def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
-    """Return the text of an index: a constant plus a factor times the round of each loop."""
+    """Return the C text of an index: `constant` plus, for each (loop, factor) in `terms`, factor times round."""
     parts = [f"i{loop}" if factor == 1 else f"({factor} * i{loop})" for loop, factor in terms if factor]
     rest = [str(constant)] if constant > 0 or not parts else []
     return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")

@@ -1,4 +1,4 @@
-"""The plant as a program: a control period of an arm, computed by the environment's own functions.
+"""The plant as a program: one control period of an arm, computed by the environment's own functions.
 
 The torques are clipped to the limits and held, the tip force is held, and the sub-steps are those of the environment.
 """
@@ -20,7 +20,7 @@ __all__ = ["Plant"]
 
 
 class Plant:
-    """An elastic arm with friction that is stepped control period by control period.
+    """An elastic arm with friction; a step is one control period.
 
     Inputs are n motor torques [N m] and a force on the tip [N] with 2 or 3 components. The memory contains the 4 n
     entries of `State`, then the mass of a payload at the tip [kg]. The output is the position of the tip [m].

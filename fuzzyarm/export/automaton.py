@@ -1,12 +1,12 @@
 """The elastic arm between two samples as a hybrid automaton for verification tools, in SpaceEx's format.
 
-With σ_j the direction of motor j, 0 where it sticks (Filippov), and u held for a period, location (σ_1, σ_2) has
+Let σ_j be the direction of motor j, or 0 if it sticks (Filippov). With u held for a period, location (σ_1, σ_2) has
 
     I θ̈ = u - Γ_t - f_v θ̇ - σ F(|θ̇|), or θ̇ = 0 in stick,    M(q) q̈ + C(q, q̇) q̇ + g(q) = Γ_t,
 
-and a motor sticks while |u - Γ_t| <= F(0). At each sample the clock is reset, and u becomes the output of the law, a
-separate file. The equations are obtained by running the package's own plant functions on text, so there is no second
-copy.
+with motor torques u, joint torques Γ_t, viscous friction f_v and dry friction F; a motor sticks while
+|u - Γ_t| <= F(0). At each sample the clock is reset, and u becomes the output of the law, which is in a separate file.
+The equations are obtained by running the package's own plant functions on text, so there is no second copy of them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _FACTORS = {
 
 
 class _Text:
-    """A number as the text of an expression."""
+    """A number that is the text of an expression; arithmetic with it gives longer texts."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -78,8 +78,8 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
     every sample. NAME.onnx is the law as written by `export_onnx`.
 
     Raises:
-        ValueError: the problem has a robot other than a two-joint arm, a load of a case, encoder errors, delayed
-            torques, arbitrary friction, an additional tip force, or a guest; or `export_onnx` refuses the policy.
+        ValueError: the problem has a robot other than a two-joint arm, a disturbance, encoder errors, delayed torques,
+            arbitrary friction, an additional tip force, or a shield with a guest; or `export_onnx` refuses the policy.
         OSError: a file exists or cannot be written.
     """
     plants = problem.plants
@@ -108,7 +108,7 @@ def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path)
 
 
 def _xml(problem: Problem, constants: list[str]) -> str:
-    """Return the automaton as XML."""
+    """Return the automaton of a problem as XML text; `constants` are the names of the uncertain constants."""
     root = ET.Element("sspaceex", {"version": "0.2", "math": "SpaceEx"})
     root.set("xmlns", "http://www-verimag.imag.fr/xml-namespaces/sspaceex")
     arm, nets, static, flows = ET.SubElement(root, "component", id="arm"), *_equations(problem, constants)
@@ -119,7 +119,7 @@ def _xml(problem: Problem, constants: list[str]) -> str:
     period = repr(problem.period)
 
     def holds(j: int, mode: int) -> str:
-        """Return the condition under which a motor at rest is in a mode."""
+        """Return the condition under which motor j at rest is in a mode: -1 back, 0 stick, 1 forth."""
         sticks = f"{nets[j]} <= {static[j]} & {nets[j]} >= -{static[j]}"
         return (sticks, f"{nets[j]} >= {static[j]}", f"{nets[j]} <= -{static[j]}")[mode]
 
@@ -146,7 +146,7 @@ def _xml(problem: Problem, constants: list[str]) -> str:
 
 
 def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[str], Any]:
-    """Return u - Γ_t and F(0) of each motor, and the function that returns the flows of a location."""
+    """Return texts of net torque u - Γ_t and static friction F(0) of motors, and the function for flows by modes."""
     assert isinstance(problem.parameters, ArmParameters)
     plant, factors = dynamics.plant_of(problem.parameters), {name: _Text(name) for name in constants}
     for field, names in _FACTORS.items():
@@ -176,7 +176,7 @@ def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[
 
 
 def _configuration(start: np.ndarray, box: StartBox, ranges: dict[str, tuple[float, float]]) -> str:
-    """Return the configuration: initial states and ranges of the constants."""
+    """Return the text of the configuration file: the box of initial states and the ranges of the constants."""
     held = ["s == 0 & u1 == law1 & u2 == law2"]
     for j in range(JOINTS):
         n, (th, q, dth, dq) = j + 1, start[j::JOINTS].tolist()

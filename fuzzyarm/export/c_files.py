@@ -35,8 +35,8 @@ __all__ = [
 def _random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     """Return observations (calls, 5 n) [rad, rad/s, rad/s²] of consecutive calls.
 
-    The first 80 % follow a sine in every joint, measured with errors of sizes from 1e-8 to 0.3 of the limits; the rest
-    are random states and references anywhere within the limits.
+    The first 80 % follow a sine in every joint, measured with errors of sizes from 1e-8 to 0.3 of the limits; the
+    others are random states and references anywhere within the limits.
     """
     rng, joints, bounds = np.random.default_rng(seed), policy.joints, bounds_of(policy.parameters)
     at, seen = starts(joints), np.empty((calls, PARTS * joints))
@@ -188,7 +188,7 @@ def c_name(label: str) -> str:
 
 
 def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
-    """Return the comment of a policy's header: use, units, limits and certificate."""
+    """Return the paragraphs of the comment in a policy's header: use, units, limits and certificate."""
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
     lines = [
@@ -216,7 +216,7 @@ COSTS = Path(__file__).with_name("cortex_m.json")
 
 
 def digest_of(source: str, name: str) -> str:
-    """Return the digest of the source of a law, which does not depend on the name of the law."""
+    """Return the SHA-256 digest of the C source of a law; it does not depend on the law's name."""
     return hashlib.sha256(source.replace(name, "law").encode()).hexdigest()
 
 

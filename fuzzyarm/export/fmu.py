@@ -1,4 +1,4 @@
-"""A policy or a plant as an FMI 2.0 co-simulation FMU: the exported C, what FMI requires around it, and both compiled.
+"""A policy or plant as an FMI 2.0 co-simulation FMU: the exported C and the functions of FMI, as source and compiled.
 
 A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
 its torques are held during the step. A step of a plant is a whole number of control periods. A host that steps the
@@ -59,10 +59,10 @@ _TEMPLATE = Path(__file__).with_name("fmu.c")  # with @marks@ for what differs b
 
 
 def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
-    """Return the C source of the FMU of a program.
+    """Return the C source of an FMU: the template ``fmu.c``, with a text in place of each mark.
 
-    `numbers` maps each mark of ``fmu.c`` to its text: guid, given, shown, results and period; the code for ranges,
-    show, started and single; and allowed, the permitted step sizes in words.
+    `numbers` maps the marks to these texts: guid, given, shown, results and period; the code for include, ranges, show,
+    started and single; and allowed, the permitted step sizes in words. `name` is the name of the FMU.
     """
     text = _TEMPLATE.read_text(encoding="utf-8")
     for function, arguments in (_IDLE | _EXCUSED).items():
@@ -137,10 +137,9 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
     """Write an arm as an FMU into a folder, which must exist; return the file.
 
     Inputs are the motor torques [N m] and a force on the tip [N]; outputs are the 4 n entries of the state [rad, rad/s]
-    and the position of the tip [m]; the mass of a payload at the tip [kg] is a parameter. The initial state is that of
-    the environment, or the hanging arm where the default motion is out of reach; a host may set another one. ValueError
-    if the control period [s] is out of range, or the folder contains another FMU of this name; OSError if the file
-    cannot be written.
+    and the position of the tip [m]; the mass of a payload at the tip [kg] is a parameter. The initial state is the
+    environment's, or the hanging arm if the default motion is out of reach; a host may set another. ValueError: the
+    control period [s] is out of range, or the folder has another FMU of this name; OSError: the file cannot be written.
     """
     plant, start = Plant(arm, control_period), _start(arm)
     joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]
@@ -181,7 +180,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
 
 
 def _start(arm: AnyArm) -> list[float]:
-    """Return the state (4 n) with which an episode begins, in the order of `State`."""
+    """Return the initial state (4 n) [rad, rad/s] of an episode, or zeros if the default motion is out of reach."""
     try:
         env = FuzzyArmEnv(parameters=arm) if isinstance(arm, ArmParameters) else FuzzyArmEnv(robot=arm)
     except ValueError:  # the default motion is out of reach
@@ -191,7 +190,7 @@ def _start(arm: AnyArm) -> list[float]:
 
 
 def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
-    """Return the library for this machine by its name in the archive; an empty mapping without a C compiler."""
+    """Return the compiled library for this machine by its name in the archive; empty if there is no C compiler."""
     place, found = _PLATFORMS.get(sys.platform), compilers()
     if not (place and found and sys.maxsize > 2**32):
         return {}
@@ -210,7 +209,7 @@ def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
 def _write(
     name: str, sources: dict[str, str], variables: Sequence[_Variable], code: dict[str, str], folder: Path
 ) -> Path:
-    """Write the archive; its GUID is a hash of its content. `code` is as for `_fmu_source`."""
+    """Write an FMU and return its path; its GUID is a hash of its content. `code` maps marks, see `_fmu_source`."""
     settable = variables[: int(code["given"]) + int(code["shown"])]
     ranges = [f'    {{"{one.name} [{one.unit}]", {one.low!r}, {one.high!r}}}' for one in settable]
     code = {**code, "ranges": ",\n".join(ranges)}
@@ -231,7 +230,7 @@ def _write(
 def _description(
     name: str, guid: str, variables: Sequence[_Variable], files: Sequence[str], period: str, fixed: bool
 ) -> str:
-    """Return modelDescription.xml; if `fixed`, a step must be one period [s]."""
+    """Return the text of modelDescription.xml; `files` are C sources; if `fixed`, a step must be one `period` [s]."""
     used = {variable.unit for variable in variables}
     units = [f'    <Unit name="{unit}"><BaseUnit {base}/></Unit>' for unit, base in _UNITS.items() if unit in used]
     outputs = [(k, one) for k, one in enumerate(variables, start=1) if one.causality == "output"]

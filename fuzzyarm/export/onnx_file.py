@@ -1,8 +1,8 @@
 """A policy as ONNX: observation and memory in, torque and memory out, for any number of lanes, in double precision.
 
-The graph has the operations of the recorded program from which C is also written. Loops are unrolled. Both sides of a
-branch are computed, and each lane selects the values of its own side. onnxruntime gives the values of the policy,
-except that its Where returns 0 for -0.
+A lane is one arm. The graph has the operations of the recorded program from which C is also written. Loops are
+unrolled. Both sides of a branch are computed, and each lane selects the values of its own side. onnxruntime gives the
+values of the policy, except that its Where returns 0 for -0.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class _Graph:
         self._truths: set[str] = set()  # the names of booleans
 
     def model(self, label: str, policy: Policy, program: Recorded) -> bytes:
-        """Return the content of a file with a law and with what a step in C does around the law (``functions.c``)."""
+        """Return the content of the ONNX file: the law, and the checks that surround it in C (see ``functions.c``)."""
         try:
             from onnx import helper, numpy_helper
         except ImportError:
@@ -118,7 +118,7 @@ class _Graph:
         return content
 
     def apply(self, operation: str, *operands: Any) -> Any:
-        """Return the result of an operation of a program."""
+        """Return the result of a program's operation: a number if it is known, else the name of its tensor."""
         if operation == "!=":
             return self.apply("not", self.apply("==", *operands))
         if operation == "select":
@@ -141,7 +141,7 @@ class _Graph:
         return name
 
     def looked_up(self, column: np.ndarray, place: Any) -> Any:
-        """Return the entry of a table's column at index `place`; see `numbers.functions.row` for indices beyond."""
+        """Return the entry of a table's column at index `place`; beyond it, the nearest entry; for nan, the first."""
         last = float(len(column) - 1)
         within = self.apply("select", self.apply("<", place, last), place, last)
         row = self.apply("select", self.apply(">", place, 0.0), within, 0.0)
@@ -158,13 +158,13 @@ class _Graph:
         return self._node("Where", condition, self._name(first), self._name(second))
 
     def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
-        """Return the output name of an operator; an operator is written only once for the same inputs."""
+        """Add an operator, unless it has the inputs of an earlier one, and return the name of its output."""
         if len(self._nodes) >= _MOST:
             raise Unsupported(f"with its loops unrolled, it has more than {_MOST:,} operations; export it as C instead")
         return self._nodes.setdefault((operator, inputs, tuple(attributes.items())), f"n{len(self._nodes)}")
 
     def _name(self, number: Any) -> str:
-        """Return the name of a number; a known number becomes a constant."""
+        """Return the name of a number in the graph; a known number becomes a constant."""
         if isinstance(number, str):
             return number
         array = np.asarray(number)
@@ -172,7 +172,7 @@ class _Graph:
         return self._constants.setdefault(key, (f"c{len(self._constants)}", array))[0]
 
     def _columns(self, of: str, count: int) -> list[str]:
-        """Return the names of the columns of an input."""
+        """Return the names of the `count` columns into which the input named `of` is split."""
         name = self._node("Split", of, self._name(np.ones(count, dtype=np.int64)), axis=1)
         self._parts[name] = [f"{name}_{k}" for k in range(count)]
         return self._parts[name]
@@ -264,7 +264,7 @@ class _Run:
         return contents[int(memory.removeprefix("table"))]
 
     def _called(self, function: Any, operands: list[Any]) -> list[Any]:
-        """Return the results of a function; `operands` are the arguments that it needs."""
+        """Return the results of a separate function of the program; `operands` are the arguments that it needs."""
         key = (function.name, *map(repr, operands))
         if key not in self._graph.calls:
             given, results = function.program.ports

@@ -1,4 +1,4 @@
-"""The sheet of a law: equations, numbers with units, a state to check an implementation against, and certificate."""
+"""The sheet of a law: equations, numbers with units, a certificate, and a state to check an implementation against."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
 
 
 def _rows(values: np.ndarray) -> list[str]:
-    """Return a line for each row of an array, preceded by the other indices, which count from 1."""
+    """Return a line for each row of an array; each matrix of a stack begins with its indices, which count from 1."""
     table, lines = np.atleast_2d(values), []
     for *leading, row in np.ndindex(table.shape[:-1]):
         head = f"({', '.join(str(k + 1) for k in leading)})" if leading else ""
@@ -281,7 +281,7 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
 
 
 def _arm(policy: Policy) -> tuple[_Quantity, ...]:
-    """Return the arm's parameters that occur in M, C, g and the drives."""
+    """Return quantities for a sheet: parameters of the equations of motion (robots: masses) and of the drives."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
     drives = tuple(_Quantity(name, DRIVE_UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):

@@ -1,13 +1,13 @@
-"""The parameters of a robot with n joints from logs: weighted linear least squares over bodies that can exist.
+"""The parameters of a robot with n joints from logs: weighted linear least squares over physically possible bodies.
 
 With motor and link as one body, the torques are linear in ten parameters of each link, in the frame of its joint, and
-four of each joint:
+four of each joint (rotor inertia, viscous friction, Coulomb friction and a constant offset):
 
     Γ = Y(q, q̇, q̈) π,    π_i = (m, m c, J),    and    I_a q̈ + f_v q̇ + Γ_fc sign q̇ + offset
 
-J is the inertia about the frame's origin. The logs determine only as many combinations of the links' parameters as Y
-has independent columns (QR with pivoting); the starting robot, a weak prior, determines the rest. A body with these
-parameters can exist if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
+m is the mass, c the mass center and J the inertia about the frame's origin. The logs determine only as many
+combinations of the links' parameters as Y has independent columns (QR with pivoting); the starting robot, a weak prior,
+determines the others. A body is possible if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
 
     [[½ tr(J) 1 - J, m c], [(m c)ᵀ, m]] > 0
 
@@ -50,7 +50,7 @@ _UNITS = ("kg m^2", "N m s/rad", "N m")
 
 
 class RobotFit(NamedTuple):
-    """The result for a robot."""
+    """The robot that fits the logs, with a row of data for each parameter, held-out errors and curves."""
 
     robot: Robot
     rows: tuple[dict[str, Any], ...]
@@ -105,7 +105,7 @@ def body_regressor(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray)
 
 
 def _numbers_of(robot: Robot) -> np.ndarray:
-    """Return π of a robot, (14 n,)."""
+    """Return the parameters π (14 n,) of a robot: ten of each link, then four of each joint."""
     now, links = robot.arrays, []
     for mass, center, inertia in zip(now.mass, now.center, now.inertia, strict=True):
         J = inertia + mass * (center @ center * np.eye(DIMENSIONS) - np.outer(center, center))
@@ -115,7 +115,7 @@ def _numbers_of(robot: Robot) -> np.ndarray:
 
 
 def _robot_with(pi: np.ndarray, start: Robot) -> Robot:
-    """Return the robot with parameters π (14 n,)."""
+    """Return `start` with the parameters π (14 n,); ratios of static to Coulomb friction are kept."""
     joints = []
     for k, joint in enumerate(start.joints):
         mass, *moment = pi[_BODY * k : _BODY * k + 1 + DIMENSIONS].tolist()
@@ -182,7 +182,7 @@ class _Cones:
         self._offsets = np.arange(_DRIVE * n) % _DRIVE == _DRIVE - 1
 
     def projected(self, values: np.ndarray) -> np.ndarray:
-        """Return the nearest values of a robot that can exist."""
+        """Return nearest values of a physically possible robot; `values` are pseudo-inertias and joint parameters."""
         bodies = values[: self._links].reshape(self.n, DIMENSIONS + 1, DIMENSIONS + 1)
         size, turn = np.linalg.eigh(0.5 * (bodies + bodies.transpose(0, 2, 1)))
         bodies = (turn * np.maximum(size, _LEAST)[:, np.newaxis]) @ turn.transpose(0, 2, 1)
@@ -190,7 +190,7 @@ class _Cones:
         return np.concatenate([bodies.ravel(), np.where(self._offsets, drives, np.maximum(drives, _LEAST))])
 
     def minimum(self, H: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the scaled π that minimises ½ πᵀ H π - bᵀ π among robots that can exist, by ADMM."""
+        """Return the scaled π that minimises ½ πᵀ H π - bᵀ π among physically possible robots, by ADMM."""
         weight = float(np.exp(np.mean(np.log(np.maximum(np.diag(H), 1e-12 * np.diag(H).max())))))
         z = self.projected(self.matrix @ np.linalg.solve(H, b))
         dual, factor = np.zeros(len(z)), None
@@ -217,7 +217,7 @@ class _Fit(NamedTuple):
 
 
 def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, told: np.ndarray) -> _Fit:
-    """Return the robot's parameters; joint parameters outside the mask `told` (4 n,) stay near those of the start."""
+    """Return the fit of a robot to logs; joint parameters outside the mask `told` (4 n,) stay near those of `start`."""
     prior, n, sigma = _numbers_of(start), len(start), np.ones(len(start))
     weights = [part.moving.astype(float) for part in parts]
     pi = prior

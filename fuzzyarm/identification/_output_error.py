@@ -3,18 +3,18 @@
     Σ_w ρ(|r_w(z, x_w)|² / s² + |(x_w - x̂_w) / σ_x|²) + |(z - ẑ) / σ_z|²,    r = simulated - measured
 
 is minimised over the parameters z and the initial state x_w of each window w. x̂_w is the state from the filtered log,
-ẑ are the parameters of the starting arm, and s is the median of the windows' residuals. Cauchy's function ρ gives
-little weight to windows that no arm explains. Each Gauss-Newton step changes parameters and states together: the states
-are eliminated from the normal equations (Schur complement), and Levenberg-Marquardt damping is added. Derivatives are
-finite differences of simulations, which run as lanes of one batch.
+ẑ are the parameters of the starting arm, σ_x and σ_z are standard deviations assumed for both, and s is the median of
+the windows' rms residuals. Cauchy's function ρ gives little weight to windows that no arm explains. Each Gauss-Newton
+step changes parameters and states together: states are eliminated from the normal equations (Schur complement), with
+Levenberg-Marquardt damping. Derivatives are finite differences of simulations, which run as lanes of one batch.
 
-Neighbouring samples have dependent noise and dependent model errors; different logs are independent. With the gradients
-g_l of the cost of each of L logs, the sandwich estimator of the covariance is
+Neighbouring samples have dependent noise and dependent model errors; different logs are independent. With the Hessian
+H of the cost and the gradient g_l of the part of each of L logs, the sandwich estimator of the covariance is
 
     cov z = H⁻¹ (Σ_l g_l g_lᵀ) H⁻¹ L / (L - 1)
 
 and the estimate has Student's distribution with L - 1 degrees of freedom. A single log gives no covariance; the
-covariance does not account for what the equations leave out.
+covariance does not account for effects that the equations leave out.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _LEVEL = 0.975  # level of the quantile for a 95 % interval
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Search:
-    """P unknowns z, and the map from z to the arm's vector θ: θ = T z + t, with some rows exponentiated."""
+    """P unknowns z, and the map from z to the arm's parameters θ (17,): θ = T z + t, with some rows exponentiated."""
 
     names: tuple[str, ...]  # one for each unknown
     units: tuple[str, ...]
@@ -61,7 +61,7 @@ class Search:
         return np.asarray(self.matrix[self.logarithmic].any(axis=0))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
-        """Return θ (17, lanes) for z (P, lanes)."""
+        """Return the arm's parameters θ (17, lanes) for the unknowns z (P, lanes)."""
         linear: np.ndarray = self.matrix @ z + self.fixed[:, np.newaxis]
         linear[self.logarithmic] = np.exp(np.minimum(linear[self.logarithmic], 50.0))
         return linear
@@ -78,7 +78,7 @@ class Search:
 
 @dataclasses.dataclass(eq=False)
 class Found:
-    """The best z so far, with the data for its covariance."""
+    """The best values z that a search has found for its unknowns, with the data for their covariance."""
 
     search: Search
     z: np.ndarray  # (P,)
@@ -89,11 +89,11 @@ class Found:
 
     @property
     def theta(self) -> np.ndarray:
-        """θ of the arm, (17,)."""
+        """Parameters θ (17,) of the arm that was found."""
         return self.search.theta(self.z[:, np.newaxis])[:, 0]
 
     def named(self) -> dict[str, float]:
-        """Return the unknowns by name, not as logarithms, and the inertia of rotor 1 plus link 1 if both are free."""
+        """Return the unknowns by name, not as logarithms; also inertia of rotor 1 plus link 1 if both are free."""
         values = np.where(self.search.exponential, np.exp(np.minimum(self.z, 50.0)), self.z)
         found = dict(zip(self.search.names, values.tolist(), strict=True))
         parts = ("inertia[0]", "motor_inertia[0]")
@@ -104,7 +104,7 @@ class Found:
         return (self.z > self.search.low + near) & (self.z < self.search.high - near)
 
     def told(self) -> np.ndarray:
-        """Return the mask (P,) of unknowns that the logs determine: deviation far below the scale, or at a bound."""
+        """Return the mask (P,) of unknowns that the logs determine: at a bound, or with a small standard deviation."""
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(self.hessian, hermitian=True))))
         return np.asarray((deviation < _TOLD * self.search.scale) | ~self._free())
 
@@ -122,7 +122,7 @@ class Found:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Step:
-    """The normal equations of the parameters at one z, with the states of each window eliminated."""
+    """The normal equations of the unknowns z at one z, with the initial states of the windows eliminated."""
 
     hessian: np.ndarray  # (P, P), without the prior
     slope: np.ndarray  # gradient, (P,)
@@ -131,7 +131,7 @@ class _Step:
 
 
 class _Problem:
-    """The residuals of windows, and their derivatives."""
+    """The residuals of the windows, simulated minus measured angles, and their derivatives."""
 
     def __init__(self, windows: Sequence[Windows], simulator: Simulator, search: Search, arm: ArmParameters) -> None:
         self.windows, self.simulator, self.search, self.arm = windows, simulator, search, arm
@@ -140,7 +140,7 @@ class _Problem:
         self.logs = sorted({one.log for one in windows})
 
     def residuals(self, z: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
-        """Return an array of residuals (S, rows) [rad] for each `Windows` object."""
+        """Return an array of residuals (S, rows) [rad] for each `Windows` object, for z (P,) and initial `states`."""
         theta, found = self.search.theta(z[:, np.newaxis]), []
         for one, lanes in zip(self.windows, states, strict=True):
             angles = simulated(self.simulator, one, np.repeat(theta, len(one), axis=1), lanes, self.arm)
@@ -148,7 +148,7 @@ class _Problem:
         return found
 
     def costs(self, residuals: list[np.ndarray], states: list[np.ndarray], s: float) -> np.ndarray:
-        """Return the costs of the windows of all logs, in order."""
+        """Return the costs (windows,) of all logs' windows, given `residuals` [rad], `states` and scale s [rad]."""
         known = self.simulator.known[:, np.newaxis]
         parts = zip(residuals, states, self.guess, strict=True)
         return np.concatenate(
@@ -158,7 +158,7 @@ class _Problem:
     def linearised(
         self, z: np.ndarray, states: list[np.ndarray], residuals: list[np.ndarray], weights: np.ndarray, s: float
     ) -> _Step:
-        """Return the normal equations for the given weights of the windows."""
+        """Return the normal equations at z and `states`, for the scale s [rad] and a weight for each window."""
         count, n, turn, known = len(z), len(self.simulator.known), self.simulator.turn, self.simulator.known
         steps = _DIFFERENCE * self.search.scale
         moved = np.concatenate([z[:, np.newaxis] + np.diag(steps), np.tile(z[:, np.newaxis], (1, n))], axis=1)
@@ -197,12 +197,12 @@ def fitted(
     close: float = 1e-4,
     advance: Callable[[], None] = lambda: None,
 ) -> Found:
-    """Return the z that minimises the cost; see the docstring of the module.
+    """Return the unknowns z that minimise the cost in the docstring of the module.
 
     Args:
         windows: the windows of all logs.
-        simulator: the plant.
-        search: the unknowns.
+        simulator: the plant that is simulated.
+        search: the unknowns, and the map from them to θ.
         arm: the arm with the parameters that θ does not contain.
         noise: noise of the angles [rad], a lower bound on s.
         steps: largest number of Gauss-Newton steps.
@@ -251,12 +251,12 @@ def fitted(
 
 
 def _total(costs: np.ndarray, knee: float, known: np.ndarray, away: np.ndarray) -> float:
-    """Return the whole cost: Cauchy's function of the windows' costs, plus the cost of the parameters."""
+    """Return the total cost: Cauchy's function of the windows' costs (scale `knee`), plus Σ `known` · `away`²."""
     return knee * float(np.sum(np.log1p(costs / knee))) + float(np.sum(known * away**2))
 
 
 def _moved(z: np.ndarray, hessian: np.ndarray, slope: np.ndarray, damping: float, search: Search) -> np.ndarray:
-    """Return z after a damped step; an unknown at a bound stays there if the cost falls beyond the bound."""
+    """Return z after a damped Newton step; an unknown at a bound stays there if the cost falls beyond the bound."""
     near = _SMALL * search.scale
     stuck = ((z <= search.low + near) & (slope > 0.0)) | ((z >= search.high - near) & (slope < 0.0))
     free, step = ~stuck, np.zeros(len(z))

@@ -4,10 +4,10 @@ With motor and link as one body, the torques are linear in nine base parameters 
 
     Γ = Y(q, q̇, q̈) π,    π = (c1 + I_a1, m2 r2, c3, I_a2, m1 r1 + m2 L1, f_v1, f_v2, Γ_fc1, Γ_fc2)
 
-with c1 and c3 of (3). Lengths and gravity are known; in a rigid arm, c1 and I_a1 appear only as a sum. Samples at which
-a joint is slow are left out of that joint's equation. The noise of a torque includes a share of each of its terms,
-because angles and accelerations have errors, too; samples that fit badly have less weight (Huber). The starting arm is
-a prior for the first five entries, with a standard deviation of half of each value, for I_a2 of twice its value.
+with c1 and c3 of `dynamics.Arm`. Lengths and gravity are known; in a rigid arm, c1 and I_a1 appear only as a sum.
+Samples at which a joint is slow are left out of that joint's equation. The noise of a torque includes a share of each
+of its terms, because angles and accelerations have errors, too; samples that fit badly have less weight (Huber). The
+starting arm is a prior for the first five entries, with a standard deviation of half of each value; for I_a2, of twice.
 
 The vector θ contains the parameters that logs of the motors may determine. Lengths, masses and gravity keep their
 starting values: eight parameters describe two links in a plane, but the motors' torques depend only on four
@@ -61,7 +61,7 @@ UNKNOWNS = (*(_Unknown(field, joint) for field in _FIELDS for joint in (0, 1)), 
 
 
 def start_of(arm: ArmParameters) -> np.ndarray:
-    """Return θ of an arm, shape (17,), each entry in its unit."""
+    """Return the vector θ (17,) of an arm: the values of `UNKNOWNS`, each in its unit."""
     return np.array([np.atleast_1d(getattr(arm, one.field))[one.joint or 0] for one in UNKNOWNS], dtype=float)
 
 
@@ -82,7 +82,7 @@ def arm_of(theta: np.ndarray, arm: ArmParameters) -> ArmParameters:
 
 
 def constants_of(theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
-    """Return the constants of the equations, rows of `dynamics.Arm`, (21, lanes), for θ of shape (17, lanes)."""
+    """Return the constants of the equations of motion (21, lanes), as listed in `dynamics.Arm`, for θ (17, lanes)."""
     fields: dict[str, Any] = plant_of(arm)._asdict()
     for field in dict.fromkeys(one.field for one in UNKNOWNS):
         rows = [row for one, row in zip(UNKNOWNS, theta, strict=True) if one.field == field]
@@ -116,7 +116,7 @@ def static_ratio(arm: ArmParameters) -> np.ndarray:
 def regressor(
     q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, length: float, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of Y for torque 1 and for torque 2, (N, 9) each, for q, q̇ and q̈ (N, 2), L1 [m] and g [m/s²].
+    """Return the rows of Y in Γ = Y π for torques 1 and 2, (N, 9) each, for q, q̇ and q̈ (N, 2), L1 [m] and g [m/s²].
 
     The inverse dynamics are linear in c1 to c5: each column is the torque for one base parameter 1 and the others 0.
     """
@@ -130,7 +130,7 @@ def regressor(
 
 
 def base_of(arm: ArmParameters) -> np.ndarray:
-    """Return π of an arm, shape (9,)."""
+    """Return the base parameters π (9,) of an arm, in SI units and the order in the docstring of the module."""
     constants = lump(plant_of(arm))
     (m1, m2), (r1, r2) = arm.mass, arm.mass_center
     rotor1, rotor2 = arm.motor_inertia

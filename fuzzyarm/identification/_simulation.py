@@ -6,7 +6,8 @@ against gravity; over a short window the two stay close. Torques are held betwee
     rigid     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + g(q) = Γ - f_v q̇ - F(q̇) q̇ / √(q̇² + v_0²),    by Runge and Kutta's method
     elastic   motors and links, with exact stick, as in the environment
 
-The rigid arm's friction is smooth around q̇ = 0, because derivatives are needed; v_0 is below the encoders' resolution.
+M_b, C and g belong to the links; I_a are rotor inertias, Γ torques, and f_v and F viscous and dry friction. The rigid
+arm's friction is smooth around q̇ = 0, because derivatives are needed; v_0 is below the encoders' resolution.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ _WORST = 10.0  # rad, upper limit of an rms error or motion
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Windows:
-    """S windows of one log, of equal length."""
+    """S windows (short intervals) of one log, all of the same length."""
 
     log: int  # number of the log
     period: float  # between two samples [s]
@@ -103,7 +104,7 @@ def windows_of(log: Log, number: int, length: float, every: float, points: int, 
 
 
 class Simulator(NamedTuple):
-    """A plant for the simulation of windows."""
+    """A model of the plant, with which windows of logs are simulated."""
 
     states: Callable[[Windows, np.ndarray, ArmParameters], np.ndarray]  # filtered initial states (n, S) for θ (17,)
     hold: Callable[[], Callable[..., None]]  # returns the function that advances lanes by one period
@@ -160,7 +161,7 @@ def _rigid_hold() -> Callable[..., None]:
 
 
 def _rigid_substeps(period: float, arm: ArmParameters) -> int:
-    """Return enough sub-steps for a stable simulation of the smooth friction, with the slope Γ_fs / v_0 at rest."""
+    """Return enough sub-steps of a period [s] to keep the smooth friction stable; its slope is steepest at rest."""
     M = np.array([two_joints().mass_matrix(PerJoint(0.0, q2), arm_constants(arm)) for q2 in (0.0, 0.5 * math.pi)])
     turning = np.linalg.inv(M + np.diag(arm.motor_inertia))
     slope = np.array(arm.static_friction) / _SMOOTH + np.array(arm.viscous_friction)
@@ -179,7 +180,7 @@ def _elastic_hold() -> Callable[..., None]:
 
 
 def _elastic_states(windows: Windows, theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
-    """Return the initial states, with each spring bent by the torque of its link."""
+    """Return the initial states (8, S) of motors and links [rad, rad/s]; the torque of each link bends its spring."""
     constants = filled(Arm, constants_of(theta[:, np.newaxis], arm)[:, 0])
     load = rigid_inverse_dynamics(windows.q, windows.dq, windows.ddq, constants)
     link = windows.q - load / np.array([constants.stiffness1, constants.stiffness2])
@@ -204,7 +205,7 @@ def simulated(
     """Return the angles [rad] of the motors at the samples that are compared, (K, 2, lanes).
 
     Args:
-        simulator: the plant.
+        simulator: the plant that is simulated.
         windows: S windows; the number of lanes is a multiple of S, and lane k simulates window k modulo S.
         theta: θ of the lanes, (17, lanes), see `_rigid`.
         states: initial states, (n, lanes).
@@ -226,7 +227,7 @@ def simulated(
 def rms_errors(
     simulator: Simulator, windows: Sequence[Windows], theta: np.ndarray, arm: ArmParameters
 ) -> list[np.ndarray]:
-    """Return the rms error of the angles over the samples of each window [rad], (S, 2), for θ (17,)."""
+    """Return an array (S, 2) for each `Windows` object: the rms errors of the angles [rad] simulated with θ (17,)."""
     found = []
     for one in windows:
         lanes = np.repeat(theta[:, np.newaxis], len(one), axis=1)

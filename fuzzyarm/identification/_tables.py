@@ -49,7 +49,7 @@ _FIELDS = ("position", "velocity", "effort")
 
 @dataclasses.dataclass
 class Table:
-    """Columns of numbers."""
+    """The columns of numbers in a file, with their names and units."""
 
     names: list[str]  # as in the file, without units; "1", "2", ... if the file has no names
     units: dict[str, str]  # of columns by name, as in the file
@@ -122,13 +122,13 @@ class _Style:
         return found[:-1] if len(found) == self.width + 1 and not found[-1] else found
 
     def numbers(self, line: str) -> list[float]:
-        """Return the numbers of a line, NaN for a text; empty if the width differs or fewer than two are numbers."""
+        """Return a line's numbers, NaN for a text; no numbers if fewer than two, or if the line has another width."""
         cells = self.cells(line)
         row = [number if (number := self.number(cell)) is not None else math.nan for cell in cells]
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
 
     def is_worded(self, line: str) -> bool:
-        """Return whether each cell of a line contains a word."""
+        """Return whether a line has the right number of cells and each contains a text, not a number."""
         cells = self.cells(line)
         return len(cells) == self.width and all(cell and self.number(cell) is None for cell in cells)
 
@@ -235,7 +235,7 @@ def _heading(
 ) -> tuple[list[str], dict[str, str]]:
     """Return the columns' names (empty without a heading) and their units from brackets or from a second line.
 
-    The column of row numbers may have no name, as in R. ValueError: names are missing; the message ends with `todo`.
+    With `is_numbered`, the first column needs no name, as in R. ValueError: names are missing; `todo` is the remedy.
     """
     bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
     if style.delimiter is None:
@@ -268,7 +268,7 @@ def _heading(
 
 
 def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
-    """Return the columns in arrays of one length: vectors, matrices with a column (or row) per joint, and records."""
+    """Return the table in arrays of one length: vectors, matrices with a column (or row) per joint, and records."""
     flat: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         fields = [(f"{name} {field}".strip(), array[field]) for field in array.dtype.names or ()]

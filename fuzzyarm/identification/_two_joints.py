@@ -1,10 +1,10 @@
 """The parameters of a two-joint arm from logs, in stages; a later stage must lower the error on held-out logs.
 
-    rigid start     `_rigid.fit_rigid`
+    rigid start     the least-squares fit of `_rigid.fit_rigid`
     rigid           output error over windows of 0.4 s; a parameter that the logs do not determine keeps its start value
     Stribeck        static friction in addition to Coulomb friction, if requested
-    sticking        the rigid arm again, with springs so stiff that they have no effect, and exact stick
-    elastic         stiffness, damping and both rotors, over windows of 0.2 s
+    sticking        the rigid arm again, with springs so stiff that they have no effect, and friction with exact stick
+    elastic         stiffness, damping and both rotor inertias, over windows of 0.2 s
 
 A later stage counts only if the *held-out error* falls: the logs are divided into at most five groups (a single log is
 cut into three parts), and each group is predicted over 0.5 s from measured states with the parameters found from the
@@ -54,7 +54,7 @@ _PLACES = {one.name: k for k, one in enumerate(UNKNOWNS)}
 
 @dataclasses.dataclass(eq=False)
 class Stages:
-    """The results of the stages; the attributes of stages that were not reached are None."""
+    """The results of the stages of an estimation; the attributes of stages that were not reached are None."""
 
     start: ArmParameters
     arm: ArmParameters  # the best so far
@@ -71,9 +71,9 @@ class Stages:
     def keep(
         self, found: Found, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False
     ) -> None:
-        """Adopt a stage's result.
+        """Adopt the result of a stage; `untold` names parameters of the rigid arm that the logs do not determine.
 
-        If undetermined, the ratio of static to Coulomb friction and the inertia of rotor 1 keep their start values.
+        A ratio of static to Coulomb friction or an inertia of rotor 1 that was not searched for keeps its start value.
         """
         theta = found.theta.copy()
         if is_sticking:
@@ -158,7 +158,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         return found
 
     def held_out(found: Found, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
-        """Return the rms error [rad], (2,), if each group is predicted with the parameters from the other groups."""
+        """Return the rms errors (2,) [rad] of predictions of each group with the parameters from the other groups."""
         errors = []
         for group in range(dealt.groups):
             others, own = dealt.chosen(parts, group, inside=False), dealt.chosen(predicted, group, inside=True)
@@ -204,7 +204,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
 
 
 def _tells_springs(found: Found) -> bool:
-    """Return whether the intervals of the stiffnesses extend by less than a factor `_WIDEST` to both sides."""
+    """Return whether both stiffnesses are known within a factor `_WIDEST`, or as in `Found.told` without intervals."""
     widths, springs = found.half_widths(), [name.startswith("stiffness") for name in found.search.names]
     return bool(np.all(found.told()[springs] if widths is None else widths[springs] < np.log(_WIDEST)))
 
@@ -217,7 +217,7 @@ class _Dealt:
         self.groups = _PARTS if self._length else min(len(lengths), _GROUPS)
 
     def chosen(self, parts: Sequence[Windows], group: int, *, inside: bool) -> list[Windows]:
-        """Return the windows of one group, or the windows of all other groups."""
+        """Return the windows in `parts` of one group if `inside`, else those of all other groups."""
         found = []
         for one in parts:
             if self._length:
@@ -242,13 +242,13 @@ def units_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _rigid_numbers(arm: ArmParameters) -> np.ndarray:
-    """Return the values of `_RIGID_NAMES`, (9,)."""
+    """Return the values (9,) of the parameters and sums that `_RIGID_NAMES` lists, for an arm."""
     sums = arm.inertia[0] + arm.motor_inertia[0], arm.inertia[1], *arm.mass_center, arm.motor_inertia[1]
     return np.array([*sums, *arm.viscous_friction, *arm.coulomb_friction])
 
 
 def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray:
-    """Return T: an unknown is the parameter with its name, or sets the parameters in `of` with their factors."""
+    """Return T (17, P) of `Search`: an unknown is the parameter of its name, or sets those in `of` by their factors."""
     T = np.zeros((len(UNKNOWNS), len(names)))
     for column, name in enumerate(names):
         for parameter, factor in of.get(name, {name: 1.0}).items():
@@ -261,8 +261,8 @@ def _rigid_search(
 ) -> Search:
     """Return the search for the rigid arm, with the start as a prior for all parameters except friction.
 
-    `friction` (4,) contains the scales of viscous [N m s/rad] and of dry friction [N m]; `ratio` is the ratio of static
-    to Coulomb friction.
+    `friction` (4,) contains scales of the joints' viscous [N m s/rad] and dry friction [N m]; `ratio` is the ratio of
+    static to Coulomb friction of each joint. With `stribeck`, static minus Coulomb friction is also unknown.
     """
     names, z, share = [*_RIGID_NAMES, *(_RISES if stribeck else ())], _rigid_numbers(start), rotor_share(start)
     of = {names[0]: {"inertia[0]": 1.0 - share, "motor_inertia[0]": share}}
@@ -293,7 +293,7 @@ def _rigid_search(
 
 
 def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
-    """Return the search that includes rotors, springs and dampers, with the rigid arm as a prior."""
+    """Return the search that includes rotors, springs and dampers; prior: `arm`, with deviations `friction` (4,)."""
     names = [one.name for one in UNKNOWNS if one.field not in ("static_friction", "stribeck_velocity")]
     theta, ratio = start_of(arm), static_ratio(arm)
     of = {f"coulomb_friction[{k}]": {f"coulomb_friction[{k}]": 1.0, f"static_friction[{k}]": ratio[k]} for k in (0, 1)}
@@ -317,7 +317,7 @@ def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
 
 
 def _stiffened(arm: ArmParameters) -> ArmParameters:
-    """Return the arm with joints that resonate at `_STIFF`, with a damping ratio of 0.1."""
+    """Return the arm with joints that resonate at the frequency `_STIFF` [Hz], with a damping ratio of 0.1."""
     constants, rotors = arm_constants(arm), np.array(arm.motor_inertia)
     links = np.array([constants.c1, constants.c3])
     reduced, rate = rotors * links / (rotors + links), 2.0 * np.pi * _STIFF
@@ -343,6 +343,6 @@ def _is_better(errors: np.ndarray, before: np.ndarray) -> bool:
 
 
 def _noise_of(logs: Sequence[Log]) -> float:
-    """Return the noise of the angles [rad] from their fourth differences; at least 1e-7."""
+    """Return the standard deviation of the angles' noise [rad] from their fourth differences; at least 1e-7."""
     rough = [np.median(np.abs(np.diff(log.angle, 4, axis=0))) / (_MEDIAN * _FOURTH) for log in logs]
     return max(float(np.median(rough)), 1e-7)

@@ -1,13 +1,13 @@
 """The conventions of a log of a two-joint arm: units, side of the gear, angles, zeros, signs, order and delay.
 
-The arm is assumed rigid, with π >= 0 and the first five entries near those of the starting arm, π_0. A set of
-conventions is a reading of the log, with the misfit
+The arm is assumed rigid, with base parameters π >= 0 of which the first five are near those of the starting arm, π_0.
+A set of conventions is a reading of the log, with the misfit
 
     J² = min over π of (Σ |(Γ - Y π) / s|² + Σ_k ((π_k - π_0k) / σ_k)²) / Σ |Γ / s|²
 
-where s is a share of the largest torque and `_rigid` defines Y. Readings that differ from the first in one or two
-conventions are compared. Each change must lower J by a minimum share, and the best reading is reported only if its J is
-below `_SPOKEN` times the first. The torque's scale is as uncertain as the masses; it is changed only for several logs.
+where s is a share of the largest torque, σ_k a standard deviation, and `_rigid` defines Y and π. Readings with one
+or two changes are compared. Each change must lower J by a minimum share; the best reading is reported only if its J is
+below `_SPOKEN` times the J without changes. A new scale of the torques alone is tried only for several logs.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """The likely reading of a log."""
+    """The likely reading of a log: the conventions with which a rigid arm fits its data best."""
 
     reading: Reading  # the likely one
     misfit: float  # J of the log as it is
@@ -101,7 +101,7 @@ class Diagnosis:
         return bool(self.reading.words)
 
     def sentence(self) -> str:
-        """Return the likely reading with both misfits, and its rivals."""
+        """Return a sentence on the likely reading, the misfits without and with it, and its rivals."""
         more = "; ".join(
             f"{' and '.join(one.words) or 'the log as it is'} ({misfit:.2g})" for one, misfit in self.rivals
         )
@@ -116,7 +116,7 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
     Args:
         logs: angles [rad] and torques [N m] of two joints, shape (N, 2) each, as they were read.
-        start: an arm with the right lengths; its masses may be wrong by a half, other parameters by more.
+        start: an arm with the right lengths; its masses may be wrong by half, other parameters by more.
         gear: the ratio or ratios with which the logs were converted to the joint's side, perhaps by mistake.
     """
     data = [_Thinned(log) for log in logs]
@@ -144,7 +144,7 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
-    """Yield the log as it is, then readings with one or two changes; with `several` logs, some scale torques alone."""
+    """Yield the log as it is, then readings with one or two changes; only `several` logs allow new torque scales."""
     one, degree = (1.0, 1.0), math.pi / 180.0
     already = "seem to be on the joint's side of the gears even without --gear"
     units = [("", one, one), ("the angles seem to be in degrees", (degree, degree), one)]
@@ -196,7 +196,7 @@ class _Thinned:
 def _misfit(
     data: Sequence[_Thinned], reading: Reading, start: ArmParameters, largest: float
 ) -> tuple[float, float, float]:
-    """Return J, the root of the share of Σ |Γ / s|² that is left unexplained, and Σ |Γ / s|²."""
+    """Return the misfit J, the root of the unexplained share of Σ |Γ / s|², and this sum; s is a share of `largest`."""
     normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
     for one in data:
         q, dq, ddq = (reading.of_angles(part, order) for order, part in enumerate(one.parts))
@@ -211,7 +211,7 @@ def _misfit(
 
 
 def _constrained(normal: np.ndarray, slope: np.ndarray, total: float, known: np.ndarray) -> tuple[float, float]:
-    """Return the first two results of `_misfit` from the normal equations of π, (9, 9) and (9,)."""
+    """Return the first two results of `_misfit`, given normal equations (9, 9), (9,) for π, Σ |Γ / s|² and π_0 (5,)."""
     floor = _LEAST * known[[0, 4, 0, 0, 4]]
     weight = 1.0 / np.maximum(_KNOWN * known, np.maximum(floor, 1e-9)) ** 2
     damped, right = normal.copy(), slope.copy()

@@ -3,9 +3,9 @@
     q(t) = q_0 + w(t) a Σ_k (s_k sin 2π k f t + c_k cos 2π k f t),    k = 1..6
 
 w rises from 0 to 1 and falls back to 0 along quintic polynomials, so that the arm begins and ends at rest at q_0, where
-it hangs with a bent elbow. The amplitude a is the largest for which angles, velocities and the rigid arm's torques stay
-within `SHARE` of their limits. A local search from random coefficients minimises the condition number of the
-regressor of `_rigid`, with its columns multiplied by the base parameters and its rows divided by the torque limits.
+it hangs with a bent elbow; f is the base frequency. The amplitude a is the largest for which angles, velocities and the
+rigid arm's torques stay within the share `SHARE` of their limits. A local search from random coefficients s_k and c_k
+minimises the condition number of the regressor of `_rigid`, scaled as described in `_Excitation.condition`.
 
 `rehearsed` records the motion of the simulated arm under computed-torque control, with encoder noise.
 """
@@ -45,7 +45,7 @@ _INSTANTS = 400
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Excitation(Reference):
-    """A Fourier series of two joints, from rest to rest."""
+    """A motion of two joints from rest to rest: the windowed Fourier series in the docstring of this module."""
 
     home: np.ndarray  # q_0 [rad], (2,)
     sine: np.ndarray  # a s_k [rad], (harmonics, 2)
@@ -60,7 +60,7 @@ class _Excitation(Reference):
         return len(self.home)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
-        """Return q, q̇ and q̈, shapes (..., 2), at times t [s] of shape (...,)."""
+        """Return q [rad], q̇ [rad/s] and q̈ [rad/s²], shapes (..., 2), at times t [s] of shape (...)."""
         time = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
         order = 2.0 * math.pi * self.frequency * np.arange(1, len(self.sine) + 1)
         phase = time[..., np.newaxis] * order
@@ -72,7 +72,7 @@ class _Excitation(Reference):
         return ReferenceSample(self.home + w * f, dw * f + w * df, ddw * f + 2.0 * dw * df + w * ddf)
 
     def _window(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return w, ẇ and ẅ at times (...) [s]: quintic ramps at both ends."""
+        """Return the window w, which has quintic ramps at both ends, and ẇ [1/s] and ẅ [1/s²] at times (...) [s]."""
         rising = time <= 0.5 * self.duration
         x = np.minimum(np.where(rising, time, self.duration - time) / _RAMP, 1.0)
         sign = np.where(rising, 1.0, -1.0)
@@ -88,7 +88,7 @@ class _Excitation(Reference):
         return TipSample(tip_position(motion.q, length), velocity)
 
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return the left unit normals of the tip's curve, shape (..., 2); where the tip rests, along y."""
+        """Return the unit normals to the left of the tip's path at times t [s], shape (..., 2); (0, 1) at rest."""
         x, y = np.moveaxis(self.tip(t).velocity, -1, 0)
         speed = np.hypot(x, y)
         moving = speed > 0.0
@@ -100,15 +100,15 @@ class _Excitation(Reference):
         return np.array([0.0, _RAMP, self.duration - _RAMP, self.duration])
 
     def largest(self) -> dict[str, np.ndarray]:
-        """Return the largest angle [rad], velocity [rad/s] and torque of the rigid arm [N m], shape (2,) each."""
+        """Return the largest magnitudes (2,) by name: "angle" [rad], "velocity" [rad/s], rigid-arm "torque" [N m]."""
         sample = self.sample(np.linspace(0.0, self.duration, 4001))
         parts = {"angle": sample.q, "velocity": sample.dq, "torque": _torque(sample, self.parameters)}
         return {name: np.abs(part).max(axis=0) for name, part in parts.items()}
 
     def condition(self) -> float:
-        """Return the condition number of the regressor, with each column in units of the arm's base parameter.
+        """Return the condition number of the regressor, its rows divided by the torque limits and its columns scaled.
 
-        A unit is at least the value for which the column has an rms of a hundredth of the torque limit.
+        The scale is the base parameter of the column, but at least so large that the scaled column has an rms of 0.01.
         """
         arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
         rows = regressor(*sample, arm.length[0], arm.gravity)
@@ -119,7 +119,7 @@ class _Excitation(Reference):
         return float(singular[0] / max(singular[-1], 1e-300))
 
     def fitted(self) -> _Excitation:
-        """Return the motion with the largest amplitude that the limits of the arm allow."""
+        """Return this motion with the largest amplitude that stays within the share `SHARE` of the arm's limits."""
         arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
         limits = arm.joint_limit, arm.velocity_limit, arm.torque_limit
         swing = np.abs(sample.q - self.home).max(axis=0)
@@ -135,7 +135,7 @@ class _Excitation(Reference):
         return dataclasses.replace(self, sine=low * self.sine, cosine=low * self.cosine)
 
     def to_csv(self, period: float = 1e-3) -> str:
-        """Return time [s], angles [rad], velocities, accelerations and expected torques [N m] as CSV."""
+        """Return CSV text of time [s], q, q̇, q̈ [rad, rad/s, rad/s²] and expected torques [N m] every `period` [s]."""
         time = np.arange(round(self.duration / period) + 1) * period
         sample = self.sample(time)
         parts = {"q": sample.q, "dq": sample.dq, "ddq": sample.ddq, "torque": _torque(sample, self.parameters)}
@@ -143,7 +143,7 @@ class _Excitation(Reference):
 
 
 def _torque(sample: ReferenceSample, arm: ArmParameters) -> np.ndarray:
-    """Return the torques of the rigid arm [N m], shape (N, 2)."""
+    """Return the torques (N, 2) [N m] that the motion `sample` requires of the rigid arm."""
     rows = regressor(*sample, arm.length[0], arm.gravity)
     return np.stack([row @ base_of(arm) for row in rows], axis=-1)
 
@@ -153,7 +153,7 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> _Exc
 
     Args:
         arm: an arm with exact lengths and limits; its other parameters predict the torque that the motion needs.
-        duration: T [s].
+        duration: duration of the motion, T [s].
         seed: seed of the random coefficients from which the search begins.
 
     Raises:
@@ -198,8 +198,8 @@ def rehearsed(
 ) -> Log:
     """Return the log of a motion of a simulated arm, one sample per millisecond; the controller's model is `known`.
 
-    `noise` disturbs angles [rad] and velocities [rad/s]; `bandwidth` is that of the controller [rad/s] (default: the
-    default of `ComputedTorquePolicy`). ValueError: the arm left its limits.
+    `noise`, drawn with `seed`, disturbs angles [rad] and velocities [rad/s]; `bandwidth` is the controller's bandwidth
+    [rad/s] (default: the default of `ComputedTorquePolicy`). ValueError: the arm left its limits.
     """
     env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
     policy = ComputedTorquePolicy(known, bandwidth=bandwidth)

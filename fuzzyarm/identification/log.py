@@ -38,8 +38,8 @@ _HIGHEST = 0.4  # largest cut-off frequency, as a share of half the sampling rat
 class Motion(NamedTuple):
     """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, n).
 
-    The values at the instants `settled` do not depend on how the filter treats the ends of the log; `independent` is
-    the number of independent samples among these instants.
+    The values at the instants of the slice `settled` hardly depend on how the filter treats the ends of the log;
+    `independent` is the number of independent samples among these instants.
     """
 
     q: np.ndarray
@@ -96,7 +96,7 @@ class Log:
         return self.angle if self.velocity is None else np.concatenate([self.angle, self.velocity], axis=1)
 
     def smoothed(self) -> Motion:
-        """Return the motion, filtered as described in the docstring of this module."""
+        """Return the filtered motion of the log; the docstring of this module describes the filter."""
         rate = 1.0 / self.period
         cutoff = min(_CUTOFF, 0.5 * _HIGHEST * rate)
         filter_ = butter(_ORDER, cutoff, fs=rate, output="sos")
@@ -121,7 +121,7 @@ class Log:
 
 
 def joint_table(time: np.ndarray, parts: dict[str, np.ndarray]) -> str:
-    """Return instants (N,) [s] and quantities of n joints (N, n) as CSV, with n columns for each quantity."""
+    """Return CSV text: a column of instants `time` (N,) [s], then n columns for each quantity (N, n) in `parts`."""
     joints = {f"{part}{j + 1}": column for part, values in parts.items() for j, column in enumerate(values.T)}
     columns = {"time": time} | joints
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)

@@ -80,7 +80,7 @@ def read_log(
     gear: tuple[float, ...] = (),
     delay: float = 0.0,
 ) -> tuple[Log, ...]:
-    """Return the log in a file, cut at its gaps: delimited text, NumPy, MATLAB, or joint states of a ROS 2 bag.
+    """Return the log in a file, cut at its gaps; formats: delimited text, NumPy, MATLAB, joint states of a ROS 2 bag.
 
     Args:
         path: the file, or the folder of a bag.
@@ -88,7 +88,7 @@ def read_log(
             the topic of a bag. Roles that are not given are guessed from the names in the file.
         units: unit, or its size in SI units, of time, q, dq or tau, or of one column such as tau2, where the file
             states no unit or a wrong one.
-        gear: gear ratios, one or one per joint, if the log refers to the motors' side: q / gear, tau gear.
+        gear: gear ratios, one or one per joint, if the log refers to the motors' side; they divide q and multiply tau.
         delay: time [s] by which torques are recorded later than the angles that they belong to.
 
     Raises:
@@ -121,7 +121,7 @@ def read_log(
 
 
 def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
-    """Return the column of each role: time, q1, tau1, ..., and dq1, ... if there are velocities of every joint."""
+    """Return the column of each role: time, q1, tau1, ..., and dq1, ... if all joints have one; `given` sets some."""
     roles = {role: _column(table, role, name) for role, name in given.items()}
     guessed: dict[tuple[str, str], list[int]] = {}
     for k, name in enumerate(table.names if table.headed else ()):
@@ -171,7 +171,7 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
 
 
 def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
-    """Choose a header's stamps as the time unless a column is given; ValueError if joints have different times."""
+    """Take a header's stamps as the time unless a column `is_given`; ValueError if time columns of like name differ."""
     words = {k: re.findall(r"[^\W\d_]+", name.lower()) for k, name in enumerate(table.names if table.headed else ())}
     every = [k for k, one in words.items() if one and _KIND.get(one[-1]) == "time" and not {"des", "ref"} & set(one)]
     if "time" not in roles or len(every) < 2:
@@ -201,7 +201,7 @@ def _column(table: Table, role: str, name: str) -> int:
 
 
 def _meaning(name: str) -> tuple[str, str]:
-    """Return the kind of a column ("" if unknown) and the joint in the column's name: q_meas1 is q of joint 1."""
+    """Return the kind of a column, time, q, dq, tau or "", and the label of its joint: ("q", "1") for q_meas1."""
     words = re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
     if len(words) > 1 and words[-1] in _ENDINGS:
         words = words[:-1]
@@ -214,7 +214,7 @@ def _meaning(name: str) -> tuple[str, str]:
 
 
 def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
-    """Return the joints: numbered ones, else the names with both an angle and a torque, in the file's order."""
+    """Return the joints' labels from pairs (kind, label): the numbered ones, else those with an angle and a torque."""
     numbered = {label for kind, label in guessed if kind in ("q", "tau") and label.isdecimal()}
     if numbered:
         return sorted(numbered, key=int)
@@ -225,7 +225,7 @@ def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
 
 
 def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
-    """Return the size of a unit in SI units, from `given` or from the heading; None if neither states a unit."""
+    """Return the SI size of the unit of the columns `names`, from `given` or the heading; None if neither states it."""
     stated = {table.units[name] for name in names if name in table.units}
     text = given[kind] if kind in given else stated.pop() if len(stated) == 1 else ""
     known = _UNITS[kind]
@@ -254,7 +254,7 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
 def _pieces(
     table: Table, roles: dict[str, int], units: Mapping[str, str | float], gear: Sequence[float], delay: float
 ) -> list[Log]:
-    """Return the evenly spaced logs of a table."""
+    """Return the evenly spaced logs in a table, cut at its gaps; `roles` maps roles to columns, see `read_log`."""
     values, remarks = table.values[:, list(roles.values())], table.remarks
     whole = np.isfinite(values).all(axis=1)
     for place in roles.values():
@@ -301,7 +301,7 @@ def _pieces(
             )
 
     def sizes(kind: str, other: float | None = None) -> np.ndarray:
-        """Return the size of the unit of each joint."""
+        """Return the SI sizes (n,) of the units of the joints' columns of a kind; `other` replaces an unknown size."""
         common = size[kind] or other or 1.0
         one = [{kind: units[f"{kind}{j}"]} if f"{kind}{j}" in units else None for j in range(1, joints + 1)]
         return np.array([common if own is None else _unit(table, kind, [], own) or common for own in one])
@@ -329,7 +329,7 @@ def _pieces(
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
 def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
-    """Return an angle (N,) without jumps across its range: by a turn, 360 or, for whole numbers, a power of two."""
+    """Return an angle (N,) without wraps, which are jumps by a turn, 360 or, for whole numbers, a power of two."""
     steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
     span = np.ptp(angle) / (1.0 + _WRAPPED)
     for size in (turn, 360.0, *counters):
@@ -348,7 +348,7 @@ def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[
     """Return the mask (N,) of rows with a stray angle or torque, far from its neighbours; both (N, n), in any unit.
 
     A stray torque differs from the running median by many times the largest running median; a stray angle differs from
-    it by far more than the steps nearby. ValueError: too many rows have a stray value.
+    its running median by far more than the steps nearby. ValueError: too many rows have a stray value.
     """
     middle = median_filter(torque, (_NEAR, 1))
     lasting = np.maximum(np.abs(middle).max(axis=0), np.quantile(np.abs(torque), _USUAL, axis=0))
@@ -366,7 +366,7 @@ def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[
 
 
 def _away(angle: np.ndarray) -> np.ndarray:
-    """Return which angles (N,) are stray; equal angles in a row count as one, since a sentinel may be repeated."""
+    """Return the mask of stray angles (N,); equal angles in a row count as one, since a sentinel may be repeated."""
     changes = np.append(True, np.diff(angle) != 0.0)
     kept = first = np.flatnonzero(changes)
     for _ in range(3):  # strays may hide others nearby
@@ -378,7 +378,7 @@ def _away(angle: np.ndarray) -> np.ndarray:
 
 
 def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.ndarray:
-    """Return times [s] since the first stamp; a unit that is not stated is guessed from the median step."""
+    """Return times (N,) [s] since the first stamp; `unit` [s], if None, is guessed from the median step."""
     steps = np.diff(stamps)
     if not (steps > 0.0).any():
         raise ValueError("its time column never increases; choose another column with --columns time=NAME")
@@ -398,7 +398,7 @@ def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.n
 
 
 def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the pieces between gaps and jumps back in time, with ascending stamps."""
+    """Return times [s] and signals of each part between gaps, without short parts and rows that go back in time."""
     steps = np.diff(time)
     longest = max(_GAP * float(np.median(steps[steps > 0.0])), _LEAST_GAP)
     gaps = np.flatnonzero(np.abs(steps) > longest) + 1
@@ -428,7 +428,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
 def _even(
     stamps: np.ndarray, lines: np.ndarray, torque: np.ndarray, delay: float, remarks: list[str]
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the period [s], and interpolated `lines` and mean torques at evenly spaced instants of the record."""
+    """Return the period [s], `lines` (N, m) at evenly spaced instants, and the mean torques (N, n) of the periods."""
     steps = np.diff(stamps)
     period = float(np.median(steps))
     uneven = np.abs(steps - period) > _EVEN * period
@@ -449,7 +449,7 @@ def _even(
 def held_mean(stamps: np.ndarray, torque: np.ndarray, at: np.ndarray, period: float) -> np.ndarray:
     """Return 1/T ∫ Γ dt from each instant `at` (N,) [s] over a period T [s], shape (N, n).
 
-    Γ (M, n) [N m] is held from its stamp (M,) [s] to the next; the first and last torques also apply beyond them.
+    Γ (M, n) [N m] is held from its stamp (M,) [s] to the next; the first and last torques also apply beyond the stamps.
     """
     begin, end = min(stamps[0], at[0]) - period, max(stamps[-1], at[-1] + period) + period
     edges = np.concatenate([[begin], stamps, [end]])
@@ -460,7 +460,7 @@ def held_mean(stamps: np.ndarray, torque: np.ndarray, at: np.ndarray, period: fl
 
 
 def _trimmed(log: Log, remarks: list[str]) -> Log:
-    """Return a log with its idle ends cut short."""
+    """Return a log from which most of the idle time at both ends is cut off."""
     near = _MOVED * np.ptp(log.angle, axis=0)
     moving = [np.flatnonzero((np.abs(log.angle - log.angle[k]) > near).any(axis=1)) for k in (0, -1)]
     if not (moving[0].size and moving[1].size):
@@ -478,7 +478,7 @@ def _trimmed(log: Log, remarks: list[str]) -> Log:
 
 
 def _with_true_velocities(logs: list[Log], remarks: list[str]) -> list[Log]:
-    """Return the logs, without velocities if these are not the slopes of the angles (wrong unit, sign or side)."""
+    """Return the logs, without velocities if these are not the slopes of the angles (wrong unit, sign or gear)."""
     if logs[0].velocity is None:
         return logs
     pairs = [(log.smoothed().dq, dataclasses.replace(log, velocity=None).smoothed().dq) for log in logs]

@@ -74,7 +74,7 @@ class Identified:
         return [dict(row) for row in self.parameters]
 
     def untold(self) -> tuple[str, ...]:
-        """Return the inertial parameters that the logs leave undetermined although they affect a rigid arm."""
+        """Return the names of inertial parameters that affect a rigid arm but are not determined by the logs."""
         return tuple(row["name"] for row in self.parameters if row["needed"] and not row["told"])
 
     def remarks(self) -> list[str]:
@@ -195,7 +195,7 @@ def _samples(logs: list[Log]) -> int:
 
 
 def _of_stages(logs: list[Log], start: ArmParameters, stages: Stages) -> Identified:
-    """Return the result for a two-joint arm."""
+    """Return the identified two-joint arm, given the results of all stages of its estimation."""
     rows, long = _rows(stages), _long(logs)
     short = [log for log in logs if log not in long]
     said = [
@@ -274,7 +274,7 @@ def _named(arm: ArmParameters) -> dict[str, float]:
 
 
 def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
-    """Return the ranges of rotors and springs: the interval if there is one, else a wide range around the value."""
+    """Return ranges of rotor inertia and stiffness: the interval if there is one, else a wide range about the value."""
     arm, by_name = stages.arm, {row["name"]: row for row in rows}
     rotors, springs = [], []
     for joint in (0, 1):
@@ -297,7 +297,7 @@ def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
 
 
 def _is_doubtful(stages: Stages) -> bool:
-    """Return whether the error of the last stage that counts exceeds the share `_DOUBTFUL` of a joint's motion."""
+    """Return whether the error of the last stage that counts exceeds the share `_DOUBTFUL` of any joint's motion."""
     if stages.motion is None or not stages.errors:
         return False
     errors = stages.errors["elastic" if stages.is_elastic else "sticking" if stages.is_sticking else "rigid"]
@@ -329,7 +329,7 @@ def _remarks(stages: Stages, logs: int) -> list[str]:
 
 
 def _drawn(log: Log, stages: Stages) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
-    """Return a log's name, times [s], measured and simulated angles (N, 2) [rad]; nan between the simulations."""
+    """Return a log's name, times [s], measured and simulated angles (N, 2) [rad]; nan outside the simulations."""
     windows = windows_of(log, 0, HORIZON, HORIZON, 10**6)
     theta, simulator = start_of(stages.arm), ELASTIC if stages.is_elastic else RIGID
     computed = np.full(log.angle.shape, np.nan)

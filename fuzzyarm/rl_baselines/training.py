@@ -159,7 +159,9 @@ class Training:
         # The rows that a killed run wrote after its last checkpoint are dropped here; they are computed again.
         write_atomically(self.folder / _CURVE, self._csv(self.rows, header=True))
         if self.algorithm.steps < self.config.total_timesteps:
+            (self.folder / _TIMES).unlink(missing_ok=True)
             self._train()
+        if not (self.folder / _TIMES).exists():  # also if a finished run was killed before it wrote its times
             wall, cpu = self._elapsed()
             times = {"wall_time_s": round(wall, 1), "cpu_time_s": round(cpu, 1)}
             write_atomically(self.folder / _TIMES, json.dumps(times, indent=1) + "\n")
@@ -278,7 +280,7 @@ def _clocks() -> tuple[float, float]:
 
 def _remove_leftovers(folder: Path) -> None:
     """Remove the temporary files and folders of a run that was killed while it wrote."""
-    for name in (CHECKPOINT, _CURVE, LAST, BEST):
+    for name in (CHECKPOINT, _CURVE, _TIMES, LAST, BEST):
         for path in folder.glob(f".{name}.*"):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
