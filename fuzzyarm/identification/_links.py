@@ -309,9 +309,9 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
 
 
 def _shares(pairs: Sequence[tuple[_Samples, np.ndarray]]) -> tuple[float, ...]:
-    """Return the share of each joint's torque that the parameters leave unexplained: rms residual over rms torque.
+    """Return, for each joint, rms residual over rms torque; `pairs` are samples with the parameters π (14 n,).
 
-    The torque of a joint counts as at least a thousandth of the largest joint's, because a motor may be off.
+    The torque counts as at least a thousandth of the largest joint's, because a motor may be off.
     """
     left = np.concatenate([(part.torque - part.Y @ pi) * part.moving for part, pi in pairs])
     torque = np.sqrt(np.mean(np.concatenate([part.torque * part.moving for part, _ in pairs]) ** 2, axis=0))

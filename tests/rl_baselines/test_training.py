@@ -110,6 +110,13 @@ def test_a_finished_run_is_left_as_it_is(other, message, whole, capsys):
     assert results(whole) == before
 
 
+def test_a_run_that_was_killed_before_it_wrote_its_times_writes_them(whole, tmp_path):
+    folder = shutil.copytree(whole, tmp_path / "run")
+    (folder / "run.json").unlink()
+    assert main(["train", "ppo", *words(FLAGS), "--out", str(folder)]) == 0
+    assert json.loads((folder / "run.json").read_text())["wall_time_s"] > 0.0 and results(folder) == results(whole)
+
+
 @pytest.mark.parametrize("distribution", ["nominal", pytest.param("robust", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distribution, tmp_path):
     config = replace(SMALL, distribution=distribution)
