@@ -74,7 +74,7 @@ def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
         raise ValueError(
             f"{folder} is also the name of a robot, and --robot would choose that robot; choose another name"
         )
-    if any(folder.iterdir()):
+    if not all(path.name.startswith(f".{IN_FOLDER}.") for path in folder.iterdir()):  # what a killed run may leave
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another folder" if tuned else "choose another folder"
         raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
