@@ -89,7 +89,9 @@ def drive(path: Path) -> None:
     for torque in ([0.0, 0.0], [5.0, -2.0]):
         if not np.isfinite(observation).all():
             raise Broken(f"observation {observation} is not finite")
-        observation, *_ = env.step(np.array(torque))
+        observation, _, terminated, *_ = env.step(np.array(torque))
+        if terminated:  # the arm may leave its limits at once
+            break
 
 
 def robot(path: Path) -> None:
@@ -278,13 +280,14 @@ def test_a_document_with_other_content_is_refused_or_right(name, data):
     good = (reader.source() / reader.target).read_bytes()
     content = json.loads(good) if kind == ".json" else tomllib.loads(good.decode())
     other = data.draw(document(content))
-    sealed = False
-    if reader.sign is not None and data.draw(st.integers(0, 3)):
+    signed = other
+    if reader.sign is not None:
+        signed = None
         with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError):
-            other, sealed = reader.sign(other), True
-    same = to_json(other) == to_json(content)
+            signed = reader.sign(other)
+    other = signed if signed is not None and data.draw(st.integers(0, 3)) else other
     accepted = try_read(reader, _text_of(kind, other))
-    assert same or sealed or not accepted or reader.sign is None, "a changed file with the old digest was taken"
+    assert not accepted or to_json(signed) == to_json(other), "a changed file with the old digest was taken"
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import json
 import math
@@ -51,9 +52,10 @@ ANYTHING = [None, True, False, [], {}, [[]], {"": 0}, [None], DEEP, [0.0] * 5000
 def _entry(draw: Any, valid: Any) -> Any:
     """A value of JSON in place of another."""
     options = [hostile, st.sampled_from(ANYTHING), numbers]
-    if isinstance(valid, str) and valid.lstrip("-").startswith("0x"):  # an exact number
-        exact = near(float.fromhex(valid)) | st.floats(allow_nan=False)
-        options += [exact.map(lambda value: float(value).hex())] * 6
+    if isinstance(valid, str) and valid.lstrip("-").startswith("0x"):
+        with contextlib.suppress(ValueError, OverflowError):  # an exact number, unless it was changed before
+            exact = near(float.fromhex(valid)) | st.floats(allow_nan=False)
+            options += [exact.map(lambda value: float(value).hex())] * 6
     elif isinstance(valid, int | float) and not isinstance(valid, bool):
         options += [near(valid)] * 4
     return draw(st.one_of(options))
@@ -75,13 +77,13 @@ def document(draw: Any, content: Any) -> Any:
             case 1 if isinstance(holder, dict):
                 holder[draw(hostile)] = holder.pop(key)
             case 2 if isinstance(holder, dict):
-                holder[draw(hostile)] = draw(_entry(None))
+                holder[draw(hostile)] = copy.deepcopy(draw(_entry(None)))
             case 3 if isinstance(holder, list):
-                holder.insert(key, draw(_entry(holder[key])))
+                holder.insert(key, copy.deepcopy(draw(_entry(holder[key]))))
             case 4:
                 holder[key] = [holder[key]]
             case _:
-                holder[key] = draw(_entry(holder[key]))
+                holder[key] = copy.deepcopy(draw(_entry(holder[key])))
     return changed
 
 
