@@ -78,11 +78,11 @@ class _Writer:
         self.declared = set[str]()
 
     def put(self, line: str) -> None:
-        """Add a line."""
+        """Append one indented line to the LLVM text."""
         self.lines.append("  " + line)
 
     def new(self, expression: str) -> str:
-        """Add a computation; return its new name."""
+        """Append an instruction that computes an expression; return the new name of its result."""
         self.names += 1
         self.put(f"%w{self.names} = {expression}")
         return f"%w{self.names}"
@@ -93,17 +93,17 @@ class _Writer:
         return f"call {kind} @llvm.{name}({', '.join(map(' '.join, arguments))})"
 
     def label(self, name: str) -> None:
-        """Begin a block."""
+        """Begin the basic block with this name."""
         self.lines.append(f"{name}:")
         self.here = name
 
     def block(self) -> str:
-        """Return a new block name."""
+        """Return a new name for a basic block."""
         self.blocks += 1
         return f"block{self.blocks}"
 
     def splat(self, kind: str, text: str) -> str:
-        """Return a constant vector, with one entry for each arm."""
+        """Return the text of a constant: for several arms, a vector in which each arm has the same entry."""
         return f"splat ({kind} {text})" if self.width > 1 else text
 
     def spread(self, out: str, kind: str, one: str) -> None:
@@ -120,7 +120,7 @@ class _Writer:
         return text if uniform else self.splat(kind, text)
 
     def operation(self, one: Symbol) -> None:
-        """Write an operation."""
+        """Write the LLVM instructions of one recorded operation."""
         uniform, name = one.uniform, one.operation
         kinds, suffix = (_KINDS, ".f64") if uniform else (self.kinds, self.suffix)
         kind, a = kinds[one.kind], [self.of(operand, uniform=uniform) for operand in one.operands]
@@ -164,7 +164,7 @@ class _Writer:
             self.spread(f"%v{one.number}", _KINDS[one.kind], out)
 
     def place(self, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the text of an index."""
+        """Return the text of the index constant + Σ factor k, k the round of a loop, for terms (loop, factor)."""
         text = str(constant)
         for loop, factor in terms:
             product = self.new(f"mul nsw i64 %i{loop}, {factor}")
@@ -172,7 +172,7 @@ class _Writer:
         return text
 
     def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the pointer to an entry of a table, or to an entry of an array for all arms of the group."""
+        """Return the pointer to an entry of a table, or of an array for the whole group; its index is as in `place`."""
         key = memory, constant, tuple(sorted(terms))
         for held in reversed(self.places):
             if key in held:
@@ -189,7 +189,7 @@ class _Writer:
         self.places.pop()
 
     def load(self, one: Symbol, out: str) -> None:
-        """Load an entry of an array or of a table."""
+        """Write the load of an entry of an array or of a table, with `out` as the name of the result."""
         pointer, spread = self.memory(*one.detail), one.detail[0].startswith("table") and not one.uniform
         if spread and self.width > 1:
             self.spread(out, "double", self.new(f"load double, ptr {pointer}, align 8"))
@@ -197,7 +197,7 @@ class _Writer:
             self.put(f"{out} = load {'double' if one.uniform else self.real}, ptr {pointer}, align 8")
 
     def store(self, one: Store) -> None:
-        """Store a number in an array if the enclosing branches are taken."""
+        """Write the store of a number in an array, for those arms that take all enclosing branches."""
         pointer, value = self.memory(one.memory, one.place.constant, one.place.terms.items()), self.of(one.value)
         if self.masks:
             old = self.new(f"load {self.real}, ptr {pointer}, align 8")
@@ -205,7 +205,7 @@ class _Writer:
         self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
     def first_of_row(self, table: Any, of: Any) -> str:
-        """Return the offset of a row in its table; an index outside the table selects the nearest row."""
+        """Return the offset of row `of` in its table; an index outside the table selects the nearest row."""
         place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
         positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # false for nan
         place = self.new(f"select {self.truth} {positive}, {self.real} {place}, {self.real} {zero}")
@@ -215,7 +215,7 @@ class _Writer:
         return self.new(f"mul nsw {self.word} {row}, {self.splat('i64', str(table.columns))}")
 
     def entry(self, one: Symbol, out: str) -> None:
-        """Look up an entry of a row; the column may be the index of a loop."""
+        """Write the look-up of an entry of a row, named `out`; the column may depend on indices of loops."""
         table, constant, terms = one.detail
         first, column = self.first_of_row(table, one.operands[0]), self.place(constant, terms)
         if self.width > 1:
@@ -231,7 +231,7 @@ class _Writer:
             self.put(f"{out} = {self.call(self.real, name, *given, (self.real, 'zeroinitializer'))}")
 
     def rows(self, group: Sequence[Symbol]) -> None:
-        """Look up entries of one row; an index outside the table selects the nearest row."""
+        """Write the look-ups of entries of one row; an index outside the table selects the nearest row."""
         table, _ = group[0].detail
         first = self.first_of_row(table, group[0].operands[0])
         if self.width == 1:
@@ -264,7 +264,7 @@ class _Writer:
         return list(v)
 
     def load_rows(self, pointers: Sequence[str], count: int) -> list[str]:
-        """Return `count` vectors: the numbers from each arm's pointer on, one entry per arm."""
+        """Load `count` numbers from each arm's pointer on; return a vector for each number, with one entry per arm."""
         found = []
         for first in range(0, count, EIGHT):
             size, lanes = min(EIGHT, count - first), []
@@ -294,7 +294,7 @@ class _Writer:
     def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
         """Write a loop over k = 0, ..., count - 1 around the lines of the block; yield a list for the carried numbers.
 
-        For each carried number the block must add kind, name inside, text before the loop and text at a round's end.
+        For each carried number this block must add kind, name inside, text before the loop and text at a round's end.
         """
         carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
@@ -404,13 +404,13 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
     def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
-        """Return the type of pointers to a port's numbers, and the LLVM function that moves numbers of some arms."""
+        """Return the type of pointers to a port's numbers, and the LLVM function that moves them for some arms only."""
         if self.layouts[port] is Layout.ROWS:
             return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
         return "ptr", f"masked.{of_columns}{self.suffix}.p0"
 
     def take(self, port: int, k: Any, _: Any, out: str) -> None:
-        """Load number k of a port."""
+        """Write the load of number k of a port, with `out` as the name of the result."""
         pointer = self.pointer(port, str(k))
         if self.width == 1 or self.layouts[port] is Layout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
@@ -420,7 +420,7 @@ class _Writer:
             self.put(f"{out} = {self.call(self.real, name, *given)}")
 
     def give(self, port: int, k: Any, _: Any, value: str) -> None:
-        """Store number k of a port."""
+        """Write the store of a value as number k of a port."""
         pointer = self.pointer(port, str(k))
         if self.width == 1 or self.layouts[port] is Layout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
@@ -441,7 +441,7 @@ class _Writer:
             rows(list(itertools.compress(numbers, in_rows)))
 
     def if_full(self, few: Callable[[], None], whole: Callable[[], None]) -> tuple[str, str]:
-        """Write the code for an incomplete group and that for a whole group; return their blocks."""
+        """Write the code `few` for an incomplete group and `whole` for a whole group; return their blocks' names."""
         blocks = self.block(), self.block()
         out = self.block()
         self.put(f"br i1 %full, label %{blocks[1]}, label %{blocks[0]}")
@@ -453,7 +453,7 @@ class _Writer:
         return blocks
 
     def take_rows(self, wanted: Sequence[_Number]) -> None:
-        """Load numbers of ports in rows: by whole rows if the group is whole, else one by one."""
+        """Write the loads of numbers of ports in rows: by whole rows if the group is whole, else one by one."""
         found = {}
 
         def one_by_one() -> None:
@@ -470,7 +470,7 @@ class _Writer:
             self.put(f"{name} = phi {self.real} [ {name}.few, %{few} ], [ {found[port, k]}, %{whole} ]")
 
     def give_rows(self, given: Sequence[_Number]) -> None:
-        """Store numbers of ports in rows, by whole rows if the group is whole and all numbers of a port change."""
+        """Write stores of numbers of ports in rows, in whole rows if the group is whole and all of a port changes."""
 
         def one_by_one() -> None:
             for number in given:
@@ -488,7 +488,7 @@ class _Writer:
         self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
-        """Return port, first index in it, first index among all numbers, and length of each run of array entries."""
+        """Return each run of array entries: port, first index in the port, first among all numbers, and length."""
         found, place = list[tuple[int, int, int, int]](), 0
         for port, count in enumerate(self.program.ports):
             for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
@@ -514,7 +514,7 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def whole_text(self) -> str:
-        """Return the text of the program."""
+        """Return the LLVM text of the whole program."""
         p, width = self.program, self.width
         numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
         places, needed = [place for place in range(len(numbers)) if place not in p.cells], self._needed()
@@ -618,5 +618,5 @@ class _Writer:
 
 
 def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
-    """Return a program as LLVM text for `width` arms at once."""
+    """Return a program as LLVM text for `width` arms at once; if `repeated`, with a loop over time steps."""
     return _Writer(program, layouts, width, repeated=repeated).whole_text()

@@ -46,7 +46,7 @@ def floor(x: Any) -> Any:
 
 
 def apart(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a function of numbers and records that stays a separate function in exported C."""
+    """Mark a function of numbers and records to remain a separate function in exported C."""
 
     @functools.wraps(function)
     def called(*arguments: Any) -> Any:
@@ -84,7 +84,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function(), called only if an arm needs it, where the condition holds, else `otherwise`, of equal size."""
+    """Return function() where the condition holds, else `otherwise`, of equal size; called only if an arm needs it."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
@@ -120,7 +120,7 @@ RECORDERS: list[Any] = []  # the programs being recorded, the innermost last; se
 
 @dataclasses.dataclass(frozen=True)
 class Cells:
-    """A placeholder for an array in a tree of numbers."""
+    """A placeholder for an array of this shape in a tree of numbers."""
 
     shape: tuple[int, ...]
 
@@ -161,7 +161,7 @@ def flat(tree: Any) -> list[Any]:
 
 
 def like(tree: Any, numbers: Iterator[Any], cells: Callable[[Cells], Any] | None = None) -> Any:
-    """Return a tree of the same structure with other numbers; `Cells` become arrays, or `cells(...)`."""
+    """Return a tree with the structure of `tree` and other numbers; `Cells` become arrays, or results of `cells`."""
     if isinstance(tree, Cells):
         if cells is not None:
             return cells(tree)
@@ -175,5 +175,5 @@ def like(tree: Any, numbers: Iterator[Any], cells: Callable[[Cells], Any] | None
 
 
 def zeros(tree: Any) -> Any:
-    """Return a tree of the same structure with zeros; `Cells` stay."""
+    """Return a tree with the structure of `tree` in which all numbers are zero; `Cells` stay."""
     return like(tree, itertools.repeat(0.0), lambda cells: cells)

@@ -12,7 +12,7 @@ __all__ = ["product", "solved"]
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a b, (..., rows, columns), summed in the order of the inner index."""
+    """Return the matrix product a b, (..., rows, columns), summed in the order of the inner index."""
     total = np.asarray(a[..., :, :1] * b[..., :1, :])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):

@@ -88,7 +88,7 @@ class _Known:
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
     def job(self, steps: int, places: Iterable[int]) -> bytes:
-        """Return first arm, last arm + 1, steps, addresses of arrays, constants and tables, and `apart`, packed."""
+        """Return the packed argument of the code: first arm, last arm + 1, steps, addresses `places`, then `apart`."""
         return self._pack(0, self.arms, steps, *places, *self._apart)
 
     def run(
@@ -223,7 +223,7 @@ class _Code:
 
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
-    """Return the machine code of a text, from the file under its digest if there is one."""
+    """Return the machine code of an LLVM text, from the file under its digest if there is one, else compiled."""
     level = 1 if width > 1 else 2  # LLVM's optimisation level
     _initialise()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

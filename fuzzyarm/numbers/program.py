@@ -74,7 +74,7 @@ class Program:
         self._reachable(self.outputs)
 
     def _outputs(self, tree: Any) -> list[Any]:
-        """Return the numbers that the function returned for a port."""
+        """Return, in order, the numbers of a tree that the function returned for a port."""
         if isinstance(tree, tuple):
             return [number for part in tree for number in self._outputs(part)]
         if not isinstance(tree, Array):
@@ -99,7 +99,7 @@ class Program:
 
     @contextlib.contextmanager
     def within(self, *, loop: bool = False) -> Iterator[Region]:
-        """Record into a new region within the current one; the caller must add it to the items afterwards."""
+        """Record into a new region within the current one; the caller must add the region to the items afterwards."""
         outside, self.now = self.now, Region(self.now, loop=loop)
         try:
             yield self.now
@@ -107,7 +107,7 @@ class Program:
             self.now = outside
 
     def load(self, memory: str, place: Index) -> Symbol:
-        """Return the symbol of an entry of an array or a table."""
+        """Record the load of an entry of an array or a table; return the symbol of the entry."""
         fixed = memory.startswith("table") and not place.terms
         operation = self.operation if fixed else self.moved
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
@@ -167,7 +167,7 @@ class Program:
         return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
 
     def size(self) -> int:
-        """Return the number of operations."""
+        """Return the number of operations and stores, including those in nested regions."""
 
         def count(region: Region) -> int:
             return sum(
@@ -189,7 +189,7 @@ def _key(operand: Any) -> Any:
 
 
 class _Symbols:
-    """The functions of `functions` for symbols."""
+    """The functions of the module `functions` for symbols."""
 
     @staticmethod
     def select(condition: Symbol, first: Any, second: Any) -> Any:
@@ -242,7 +242,7 @@ class _Symbols:
 
 
 class _Indices:
-    """The functions of `functions` for indices."""
+    """The functions of the module `functions` for indices."""
 
     @staticmethod
     def number(index: Index) -> Symbol:

@@ -150,7 +150,7 @@ class Array:
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
-        """Return first index, shape and steps of the part of the array that a key selects."""
+        """Return first index, shape and steps of the entries that a key selects."""
         keys = key if isinstance(key, tuple) else (key,)
         first, shape, steps = self.first, list[int](), list[int]()
         for axis, size in enumerate(self.shape):

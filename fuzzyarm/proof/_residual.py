@@ -62,7 +62,7 @@ class Residual(NamedTuple):
 
 
 def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
-    """Return the residual of a model along a circle, sampled in floating point and bounded; see the module."""
+    """Return the feedforward residual of a T-S model along a reference: its largest samples and a proven bound."""
     motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
     x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
     total = np.zeros((len(x_r), JOINTS))
@@ -78,9 +78,9 @@ def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
 
 
 def largest_motion(reference: JointReference) -> np.ndarray | None:
-    """Return bounds (4,) on |q_d| [rad] and |q̇_d| [rad/s] along a circle at every instant; None if none are found.
+    """Return bounds (4,) on |q_d| [rad], then |q̇_d| [rad/s], at every instant of a reference; None if not found.
 
-    The search is that for the residual, with one signal per joint: g = q_d or g = q̇_d.
+    The search is the same as for the residual, with a single signal for each joint: g = q_d or g = q̇_d.
     """
     motion, unit = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS)), np.eye(2 * JOINTS)
     bounds = [
@@ -91,7 +91,7 @@ def largest_motion(reference: JointReference) -> np.ndarray | None:
 
 
 class _Bound:
-    """The search over intervals of x = t/T in [0, 1], whose ends are dyadic numbers and therefore exact as floats."""
+    """The search for the largest ρ̄_j (see the module) over intervals of t/T, T the duration, with exact float ends."""
 
     def __init__(self, rows: list[tuple[int, list[list[arb]]]], reference: JointReference, sampled: np.ndarray) -> None:
         self.reference, self.rows = reference, rows  # rows: for each y, its order and w_ij of both joints
@@ -99,7 +99,7 @@ class _Bound:
         self.attained = [arb(value) for value in sampled.tolist()]  # only decides when to stop
 
     def largest(self) -> np.ndarray:
-        """Return a bound (2,) [N m] on ρ̄ at all instants; inf if no bound was found."""
+        """Return bounds (2,) on the largest ρ̄_j of both joints, in the unit of the signals g; inf if none was found."""
         size = 1.0 / _FIRST
         heap = [self._entry((k + 0.5) * size, 0.5 * size) for k in range(_FIRST)]
         heapq.heapify(heap)
@@ -112,7 +112,7 @@ class _Bound:
         return np.asarray(np.max([bound for *_, bound in heap], axis=0))
 
     def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
-        """Return -(largest bound relative to an attained value), then middle, half and bounds of the interval."""
+        """Return the heap entry of middle ± half: -(largest ratio of bound to attained value), middle, half, bounds."""
         try:
             start, ball = self._motion(_time_law(middle, 0.0)), self._motion(_time_law(middle, half))
         except (ValueError, ZeroDivisionError):  # the motion cannot be enclosed
@@ -124,7 +124,7 @@ class _Bound:
         return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
-        """Return ρ̄_j at the midpoint, and its bound on the interval, for two results of `_motion`."""
+        """Return ρ̄_j at the midpoint and its bound in the interval, from `_motion` at the midpoint and on the ball."""
         value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
         for order, rows in self.rows:
             # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints
@@ -137,7 +137,7 @@ class _Bound:
         return value, bound
 
     def _motion(self, s: arb_series) -> list[list[arb]]:
-        """Return the derivatives 0 to 3 of (q_1, q_2) with respect to time, for s as a series in x."""
+        """Return the time derivatives of order 0 to 3 of (q_1, q_2), with the path parameter s as a series in t/T."""
         path: Any = self.reference.path  # a `Circle`
         psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
         away = arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin()
@@ -164,7 +164,7 @@ def _time_law(middle: float, half: float) -> arb_series:
 
 
 def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_sign: int) -> list[arb_series]:
-    """Return q_1 and q_2, like `reference.joint_angles`; nan or ZeroDivisionError if the balls are too wide."""
+    """Return q_1 and q_2 for a tip `point`, as series; nan, ValueError or ZeroDivisionError if balls are too wide."""
     (x, y), (l1, l2) = point, map(arb, length)
     r2 = x * x + y * y
     outer, inner = (l1 + l2) ** 2 - r2, r2 - (l1 - l2) ** 2
@@ -183,7 +183,7 @@ def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_si
 
 
 def _rounded_up(value: arb) -> float:
-    """Return an upper float bound on a ball; inf for nan."""
+    """Return a float that is not below any point of a ball; inf if the ball is not finite."""
     if value.is_zero():
         return 0.0
     if not value.is_finite():

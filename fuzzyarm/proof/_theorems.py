@@ -108,10 +108,10 @@ def tracking_psi(
     tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ²; without uncertainty it is Ξ_ijk.
+    """Return Ψ_ijk of Theorem 2, affine in P, M, L, Q, X, τ and γ²; without uncertainty it is Ξ_ijk of Theorem 1.
 
-    n_e = 4 or, with the integral, 6; n = n_e + 4. Vertices i of A and k of E count from 0; α is in 1/s; z is multiplied
-    by `output`. P = diag(P_11, P_22) is (n, n), and only its diagonal blocks are used; M_jk is (2, n_e), L_jk (2, 6),
+    n_e = 4 or, with the integral, 6; n = n_e + 4. Vertices i of A and k of E count from 0; α is in 1/s; `output` is a
+    factor of z. P = diag(P_11, P_22) is (n, n), and only its diagonal blocks are used; M_jk is (2, n_e), L_jk (2, 6),
     Q_ij and X_ij (n, n), and τ (..., m) has an entry for each of `data.uncertainties`. `put` assembles a matrix from
     block rows. For arrays of i and k the result is a stack; M, L, Q, X and τ must then be stacks, and P one matrix.
     """
@@ -170,7 +170,7 @@ def error_psi(
     tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Ψ_ijk, symmetric and affine in P, M, Q, X, τ and γ².
+    """Return the matrix Ψ_ijk of the consistent-reference form, symmetric and affine in P, M, Q, X, τ and γ².
 
     γ² is in rad²/(N m)², P is (n, n) with n = n_e; the other arguments are as for `tracking_psi`.
     """
@@ -198,9 +198,9 @@ def error_phi(
     tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ, for the upper bound β [1/s] on the decay rate.
+    """Return the matrix Φ_ijk, affine in P, M, Q, X and τ, for a bound β = `fastest_pole` [1/s] on the decay rate.
 
-    P (n, n) and M are those of Ψ, but Q, X and τ belong to Φ alone. The other arguments are as for `error_psi`.
+    P (n, n) and M are the same as in Ψ, but Q, X and τ belong to Φ alone. The other arguments are as for `error_psi`.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
     corner, below = _error_uncertainty(data, tau, P, Q, X, [])
@@ -210,7 +210,7 @@ def error_phi(
 def _error_uncertainty(
     data: Vertices, tau: Any, P: Any, Q: Any, X: Any, between: list[int]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return Σ τ_l H_lᵀH_l and the rows of the dropped premises, with the zeros `between` after ē and ē'."""
+    """Return Σ τ_l H_lᵀH_l and the dropped premises' block rows, with zero blocks `between` after ē and ē'."""
 
     def uncertain(term: Uncertainty) -> list[Any]:
         W_P, W_Q, W_X = (term.W @ matrix[..., PLANT, :] for matrix in (P, Q, X))
@@ -222,7 +222,7 @@ def _error_uncertainty(
 def _with_uncertainty(
     data: Vertices, tau: Any, corner: Any, uncertain: Callable[[Uncertainty], list[Any]]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return `corner` + Σ τ_l H_lᵀH_l and the row of each dropped premise; `uncertain` returns its first blocks."""
+    """Return `corner` + Σ τ_l H_lᵀH_l and a block row for each dropped premise, which begins with `uncertain(...)`."""
     rows = list[list[Any]]()
     scales = (tau[..., position] for position in range(tau.shape[-1]))
     for scale, term in zip(scales, data.uncertainties, strict=True):

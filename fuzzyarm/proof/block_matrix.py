@@ -21,18 +21,18 @@ Assembly = Callable[[list[list[Any]]], Any]
 
 @functools.singledispatch
 def transposed(matrix: Any) -> Any:
-    """Return Yᵀ of each matrix of a stack."""
+    """Return the transpose Yᵀ of a matrix Y, or of each matrix of a stack (..., r, c)."""
     return np.swapaxes(matrix, -1, -2)
 
 
 @functools.singledispatch
 def times(scale: Any, matrix: Any) -> Any:
-    """Return each of the matrices (..., r, c), multiplied by the corresponding entry of `scale` (...)."""
+    """Return the product of each matrix of a stack (..., r, c) with its own entry of `scale` (...)."""
     return np.asarray(scale)[..., np.newaxis, np.newaxis] * matrix
 
 
 def he(matrix: Any) -> Any:
-    """Return He(Y) = Y + Yᵀ."""
+    """Return He(Y) = Y + Yᵀ for a square matrix Y or a stack of them."""
     return matrix + transposed(matrix)
 
 
@@ -42,7 +42,7 @@ def identity(size: int) -> np.ndarray:
 
 
 def symmetric(lower: Sequence[Sequence[Any]]) -> np.ndarray:
-    """Return symmetric matrices (..., r, r), in one unit, from their block rows `lower`, each up to the diagonal."""
+    """Return symmetric matrices (..., r, r) from block rows `lower`, each up to the diagonal; 0 is a zero block."""
     ends = np.cumsum([row[-1].shape[-1] for row in lower])
     places = [slice(end - row[-1].shape[-1], end) for row, end in zip(lower, ends.tolist(), strict=True)]
     blocks = [entry for row in lower for entry in row if not isinstance(entry, int)]

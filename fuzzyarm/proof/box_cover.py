@@ -52,17 +52,17 @@ class TrigMatrix:
 
     @property
     def angles(self) -> int:
-        """Number d of the angles."""
+        """The number d of angles."""
         return self.exact.ndim - 2
 
     @property
     def size(self) -> int:
-        """Number s of rows."""
+        """The number s of rows of the matrix."""
         return int(self.exact.shape[-1])
 
     @functools.cached_property
     def coefficients(self) -> np.ndarray:
-        """The nearest floats, packed as (5, ..., 5, s(s + 1)/2)."""
+        """The coefficients `exact` as floats, their lower triangles packed: (5, ..., 5, s(s + 1)/2)."""
         return _packed(self.exact).astype(np.float64)
 
     def at(self, q: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ class TrigMatrix:
         return _unpacked(values.reshape(shape) if self.angles else np.broadcast_to(values[0], shape), self.size)
 
     def derivative(self, angle: int) -> TrigMatrix:
-        """Return the derivative with respect to one angle."""
+        """Return the derivative of the matrix with respect to the angle with this index."""
         source = np.moveaxis(self.exact, angle, 0)
         # cos q, sin q, cos 2q, sin 2q become -sin q, cos q, -2 sin 2q, 2 cos 2q.
         result = np.stack([0 * source[0], source[2], -source[1], 2 * source[4], -2 * source[3]])
@@ -177,7 +177,7 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> tu
 
 
 class _Task:
-    """A scaled matrix: coefficients (5, ..., 5, t), shift of the diagonal, and curvature for each angle (d,)."""
+    """A scaled matrix: packed coefficients (5, ..., 5, s(s + 1)/2), shift of the diagonal, curvatures `weight` (d,)."""
 
     def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
         self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles
@@ -194,7 +194,7 @@ class _Task:
         self.shift = float(1.01 * error.sum(axis=1).max() + 4.0 * (matrix.size + 2) * _UNIT * trace)
 
     def controls(self, boxes: np.ndarray) -> np.ndarray:
-        """Return the control matrices (B, 5^d, t) of boxes (B, d, 2)."""
+        """Return the packed control matrices (B, 5^d, s(s + 1)/2) of boxes (B, d, 2) [rad]."""
         count, d = boxes.shape[:2]
         middle, half = boxes.mean(axis=2), 0.5 * (boxes[..., 1] - boxes[..., 0]) + _WIDENING
         weights = np.array(_control_weights(np.cos(middle), np.sin(middle), np.cos(half), np.sin(half)))
@@ -209,7 +209,7 @@ class _Task:
 
 
 def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return both halves of each box, cut across the angle along which the matrix curves most."""
+    """Return both halves of each box (B, d, 2), cut across the angle with the largest curvature `weight` (d,)."""
     width = boxes[..., 1] - boxes[..., 0]
     axis = np.argmax(weight * width * width, axis=1)
     every = np.arange(len(boxes))
@@ -221,7 +221,7 @@ def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
-    """Return whether Cholesky's factorisation of every A - shift I succeeds, (B,), for packed A (B, m, t)."""
+    """Return, for each box, whether A - shift I has a Cholesky factor for all m of its packed matrices A (B, m, t)."""
     good, factor = np.ones(matrices.shape[:2], dtype=np.bool_), np.empty((size, size, *matrices.shape[:2]))
     for i in range(size):
         for j in range(i + 1):

@@ -49,7 +49,7 @@ class Claim:
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """The outcome of `certify`."""
+    """The outcome of the proof of a controller's inequalities."""
 
     claims: tuple[Claim, ...]  # every inequality
     statement: str  # their joint meaning in words
@@ -61,7 +61,7 @@ class Certificate:
 
     @property
     def proof_margin(self) -> float:
-        """The smallest proof margin of all inequalities, without unit."""
+        """The smallest `Claim.proof_margin` of all inequalities, a number without a unit."""
         return min(claim.proof_margin for claim in self.claims)
 
 
@@ -158,7 +158,7 @@ def controller_statement(controller: Controller) -> str:
 
 
 def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
-    """Return a statement of the decay of x, from α [1/s] and the bounds c² of `largest_growth` for x and e alone."""
+    """Return a sentence on the decay of x, from α [1/s] and `largest_growth`'s c² for x and, if given, for e alone."""
     c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
     words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"
     return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| if only e is nonzero initially" * (len(c) > 1)

@@ -84,9 +84,9 @@ def is_dominant(matrix: Any) -> bool:
 
 
 def largest_growth(matrix: np.ndarray, size: int) -> float:
-    """Return c² with |x_1(t)| <= c exp(-αt) |x_1(0)| if V = xᵀAx or xᵀA⁻¹x decays as exp(-2αt); inf without a proof.
+    """Return c² for |x_1(t)| <= c exp(-αt) |x_1(0)| if V = xᵀAx or xᵀA⁻¹x decays as exp(-2αt); inf without a proof.
 
-    x_1 are the first `size` entries of x; the others are initially zero. c² is a proven upper bound on
+    A is `matrix`; x_1 has the first `size` entries of x, the others are initially 0. c² is a proven upper bound on
     λmax(A_11) λmax((A⁻¹)_11): A_11 < λI, and (A⁻¹)_11 < μI if A > diag(I/μ, 0). For x_1 = x: A's condition number.
     """
     A = exact(matrix)[:size, :size]
@@ -95,7 +95,7 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
 
 
 def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
-    """Return a proven upper bound on λmax((A⁻¹)_11), the first `size` rows and columns of A⁻¹; inf without a proof."""
+    """Return a proven bound on the largest eigenvalue of the first `size` rows and columns of matrix⁻¹, else inf."""
     first = exact(np.diag(np.arange(len(matrix)) < size).astype(float))
     values = np.linalg.eigvalsh(np.linalg.pinv(matrix)[:size, :size])
     return _proven(values, lambda x: exact(matrix) - first / x)
@@ -108,7 +108,7 @@ def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
 
 
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a symmetric matrix in floats, scaled to unit diagonal, and the scale (n,) of its rows."""
+    """Return a symmetric matrix in floats, scaled to unit diagonal, and its row scale (n,); None if impossible."""
     try:
         numbers = np.array(matrix, dtype=np.float64)
     except OverflowError:

@@ -86,7 +86,7 @@ def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | N
     """Return the coefficients of D, see `_inertia_at`, in the basis of each angle on which D may depend.
 
     They are exact rationals (5, ..., 5, s, s), with one axis in the order of `BASIS` for each of the angles `first` + 1
-    to `last` except that of joint 1.
+    to `last` except the angle of joint 1.
     """
     fixed = 0 if first else 1
     angles = last - first - fixed
@@ -105,7 +105,7 @@ def _matrix(rows: Any) -> fmpq_mat:
 
 
 def _cross(vector: Sequence[float]) -> fmpq_mat:
-    """Return [x]×, so that [x]× y = x × y."""
+    """Return the matrix [x]× of a vector x, for which [x]× y = x × y."""
     x, y, z = exact(vector)
     return fmpq_mat(3, 3, [fmpq(0), -z, y, z, fmpq(0), -x, -y, x, fmpq(0)])
 
@@ -156,7 +156,7 @@ def angle_ranges(robot: Robot) -> np.ndarray:
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
-    """Return the coefficients of M̂, rationals (5, ..., 5, n, n) over angles 2 to a = `split`, from S_r (N, n, n)."""
+    """Return M̂ = Σ h_r S_r as coefficients (5, ..., 5, n, n) in angles 2 to `split`, from S_r = `inertia` (N, n, n)."""
     angles, vertices = split - 1, exact(inertia)
     total: np.ndarray = np.full((BASIS,) * angles + vertices.shape[1:], fmpq(0), dtype=object)
     for rule, S in enumerate(vertices):
@@ -168,7 +168,7 @@ def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split
 
 
 def _membership(premise: Premise, at_maximum: int, angles: int) -> np.ndarray:
-    """Return (1 ± z)/2 as coefficients, with an axis of size 5 for the premise's angle and of size 1 for the others."""
+    """Return (1 + z)/2 if `at_maximum`, else (1 - z)/2, as coefficients: axis size 5 for z's angle, 1 for others."""
     values = np.full(BASIS, fmpq(0), dtype=object)
     values[0], values[premise.place] = fmpq(1, 2), fmpq(1 if at_maximum else -1, 2)
     return values.reshape([BASIS if axis == premise.joint - 1 else 1 for axis in range(angles)])

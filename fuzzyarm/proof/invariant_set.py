@@ -79,7 +79,7 @@ def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
 
 
 def _largest(bounds: Bounds) -> tuple[float, float]:
-    """Return level and disturbance of the largest set, rounded down and proven; level 0 if there is no set."""
+    """Return level and disturbance of the largest set, rounded down and proven; without one, 0 and the largest |w|."""
     if min(bounds.room) <= 0:
         return 0.0, 0.0
     widest = min(room * room / p for p, room in zip(bounds.spread, bounds.room, strict=True))
@@ -107,7 +107,7 @@ def _of_consistent(controller: Controller, circle: JointReference) -> InvariantS
 
 
 def _of_paper(controller: Controller, circle: JointReference) -> InvariantSet:
-    """Return an `InvariantSet` of zeros; even with the whole box as room, W is below a norm that r attains."""
+    """Return an `InvariantSet` of zeros, whose statement says why the paper's form has no such set on the circle."""
     _, W = _largest(_bounds(controller, np.zeros(PLANT_STATES)))
     r = np.hstack(circle.sample(np.linspace(0.0, circle.duration, CHECKED_INSTANTS)))
     attained = float(np.linalg.norm(r, axis=1).max()) * (1.0 - 1e-9)
@@ -142,7 +142,7 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 
 
 def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
-    """Return a set with its statement; V <= steepest |e|² for states in which only e is not zero."""
+    """Return an invariant set with a statement made of phrases; V <= steepest |e|² if only e is not zero."""
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
         f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "
@@ -158,7 +158,7 @@ def _none(why: str) -> InvariantSet:
 
 
 def _rounded_down(value: float, proof: Callable[[float], bool]) -> float:
-    """Return a decimal at or slightly below a value for which a proof holds; 0 if there is no such decimal."""
+    """Return a decimal at or slightly below `value` that `proof` accepts; 0 if there is no such decimal."""
     tried = (float(at_least(value * share, _DIGITS)) for share in (1.0, 0.999) if 0.0 < value < math.inf)
     return next((one for one in tried if proof(one)), 0.0)
 

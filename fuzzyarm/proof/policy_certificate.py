@@ -67,18 +67,18 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
 
 
 def tip_statement(reference: Reference) -> str:
-    """Check θ_d of `reference` against the box, and return what the certificate means for a law that tracks θ_d.
+    """Check the motors' reference θ_d against the box; return what the certificate states for laws that track it.
 
-    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ has two terms: that of the dropped
+    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ has two terms: one of the dropped
     premises, which vanishes with the error, and u_ff without friction minus the rigid arm's inverse dynamics at θ_d,
     that is τ_d minus the torque that the links would need at θ_d. The second term is known in advance; its largest
-    value and the share of the box are evaluated at `CHECKED_INSTANTS` instants.
+    value and the part of the box that θ_d takes are evaluated at `CHECKED_INSTANTS` instants.
     """
     return _along_the_tip(reference)[1]
 
 
 def _along_the_tip(reference: Reference) -> tuple[ElasticReference | None, str]:
-    """Return θ_d of a reference (None if θ_d leaves the box and voids the certificate), and `tip_statement`."""
+    """Return θ_d of a reference (None if it leaves the box, which voids the certificate) and `tip_statement`'s text."""
     try:
         elastic = ElasticReference(reference)
     except ValueError as error:

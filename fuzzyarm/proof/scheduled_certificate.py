@@ -49,7 +49,7 @@ __all__ = ["certify_scheduled", "decay", "fastest", "schedule_rate", "scheduled_
 
 
 def _scalar_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return A (3, 3), b (3, 1) and c (1, 3) in integers."""
+    """Return A (3, 3), b (3, 1) and c (1, 3) of the scalar loop x' = (A - λ b k) x + λ b d, ε = c x, in integers."""
     unit = identity(SCALAR_STATES)
     return np.array([unit[1], 0 * unit[0], unit[0]]), unit[:, 1:2], unit[:1]
 
@@ -57,8 +57,8 @@ def _scalar_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
     """Return the matrix of decay and gain, (5, 5), which must be negative definite.
 
-    `share` is λ, `rate` is α + μ [1/s], `gamma2` is γ² [s⁴], P is (3, 3), and m = k P is (1, 3); `put` assembles a
-    matrix from block rows.
+    `share` is λ, `rate` is α + μ [1/s], `gamma2` is γ² [s⁴], P is (3, 3), and m = k P is (1, 3) with the
+    feedback k; `put` assembles a matrix from block rows.
     """
     A, b, c = _scalar_loop()
     state = he(A @ P - b @ (share * m)) + 2 * rate * P
@@ -66,7 +66,7 @@ def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly =
 
 
 def fastest(share: Any, *, pole: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
-    """Return the matrix of the fastest pole β [1/s], (6, 6), which must be positive definite; see `decay`."""
+    """Return the matrix (6, 6) that bounds poles by β = `pole` [1/s] if positive definite; others as for `decay`."""
     A, b, _ = _scalar_loop()
     return put([[pole * P], [A @ P - b @ (share * m), pole * P]])
 
@@ -95,7 +95,7 @@ def certify_scheduled(
 
 
 def schedule_rate(controller: ScheduledController) -> fmpq:
-    """Return μ = Σ μ_k |q̇_k| [1/s], a bound on half the rate of M̂ relative to M̂, in exact rationals."""
+    """Return μ = Σ μ_k |q̇_k| [1/s], a bound on half the relative rate of change of M̂, as an exact rational."""
     pairs = zip(controller.rates.tolist(), controller.speeds.tolist(), strict=True)
     return sum((stated(rate) * stated(speed) for rate, speed in pairs), fmpq(0))
 

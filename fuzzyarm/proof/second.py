@@ -1,7 +1,7 @@
 """A second checker of proven tip bounds, which imports nothing of this package.
 
 It reads the file of a bound and the controller file of its law and derives the bound again from separate equations. It
-uses the centre y(t), the radii ρ and the plan for each friction from the file's tube. On a segment of length h, for a
+uses the centre y(t), the radii ρ and each motor's friction plan from the file's tube. On a segment of length h, for a
 plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of the following must hold:
 
 1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), where A is the linearisation at the middle of the segment, a(t) are the
@@ -11,8 +11,8 @@ plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p
    SLIP needs a velocity that keeps its sign on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all cases
    of Lemma 1 that the velocities allow; ANY is any torque up to the static friction.
 3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
-4. *Sample.* The law is linearised by its Jacobian on the box of measured states; the rest includes rounding and guest.
-5. *For ever.* The end of a lap lies in the set in which the lap began.
+4. *Sample.* The law is linearised on the box of measured states; its remainder includes rounding and a guest's torque.
+5. *Every lap.* The end of a lap lies in the set in which the lap began.
 
 Plant, law, reference and exponentials are balls (Arb). A course f(s), s in [-1, 1], is a Chebyshev interpolant with N
 nodes; its error is at most 4 M r^(1-N)/(r - 1) if |f| <= M in the ellipse with r as sum of semi-axes. Deviations lie in
@@ -80,7 +80,7 @@ class SecondCheck:
 
 
 def check(path: Path) -> SecondCheck:
-    """Derive the bound of a file again; OSError or ValueError if the file cannot be read."""
+    """Derive again the bound stated in a file, and return the outcome; OSError or ValueError if it cannot be read."""
     begin = time.perf_counter()
     try:
         claim = _Claim(json.loads(Path(path).read_bytes(), parse_constant=float))
@@ -106,7 +106,7 @@ def check(path: Path) -> SecondCheck:
 
 
 class _Claim:
-    """The content of the file of a bound."""
+    """The claim of a file: its law, motion, set of plants, bound and tube."""
 
     def __init__(self, document: dict[str, Any]) -> None:
         self.schema, self.policy, self.files = document["schema"], str(document["policy"]), document.get("files")
@@ -130,7 +130,7 @@ class _Claim:
         return f"this checker does not cover {', '.join(odd)}" if odd else ""
 
     def words(self) -> str:
-        """Return law, set and motion in words; the label of the file is not used."""
+        """Return law, set of plants and motion in words; the label of the file is not used."""
         said = [f"{name} {value}" for name, value in self.plants.items() if value != _DEFAULTS.get(name)]
         plants = f"with {', '.join(said)}" if said else "table-1"
         samples = "all laps" if self.ever else f"{len(self.tip)} samples"
@@ -162,14 +162,14 @@ def _read(value: Any) -> Any:
 
 
 def _lumped(robot: dict[str, Any], link: int) -> list[Any]:
-    """Return the contributions of a link to c_1, ..., c_5."""
+    """Return the contributions of a link to the five constants c_1, ..., c_5 of `link_torque`."""
     m, r, inertia = (arb(robot[name][link]) for name in ("mass", "mass_center", "inertia"))
     L, g, own = arb(robot["length"][0]), arb(robot["gravity"]), m * r * r + inertia
     return [own + m * L * L, m * L * r, own, m * g * L, m * g * r] if link else [own, arb(0), arb(0), m * g * r, arb(0)]
 
 
 def link_torque(c: list[Any], q: Any, v: Any, a: Any) -> list[Any]:
-    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for the constants c_1, ..., c_5."""
+    """Return both links' torques M(q) a + C(q, v) v + g(q) [N m], v = q̇, a = q̈, for the constants c_1, ..., c_5."""
     cos2, sin2, sin12 = q[1].cos(), q[1].sin(), (q[0] + q[1]).sin()
     first = (c[0] + 2 * c[1] * cos2) * a[0] + (c[2] + c[1] * cos2) * a[1] - c[1] * sin2 * v[1] * (2 * v[0] + v[1])
     second = (c[2] + c[1] * cos2) * a[0] + c[2] * a[1] + c[1] * sin2 * v[0] * v[0]
@@ -218,40 +218,40 @@ class _Plant:
         self.column = {kind: i for i, kind in enumerate(kinds)}  # column of the zonotope, by constant
 
     def friction(self, joint: int, v: Any) -> Any:
-        """Return F(v) [N m] for the middles of the ranges, as an even function of the velocity."""
+        """Return a motor's dry friction F(v) [N m], even in v, for the middles of the ranges."""
         fall = (-(v / self.stribeck) * (v / self.stribeck)).exp()
         return self.coulomb[joint] + (self.static[joint] - self.coulomb[joint]) * fall
 
     def slope(self, joint: int, v: Any) -> Any:
-        """Return F'(v) [N m s/rad]."""
+        """Return F'(v) [N m s/rad], the slope of `friction`."""
         return -2 * v / self.stribeck**2 * (self.friction(joint, v) - self.coulomb[joint])
 
     def steepest(self, joint: int) -> float:
-        """Return a bound on |F'|, which is largest at v_s/√2: there F' stops falling and begins to rise."""
+        """Return a bound on |F'| [N m s/rad], which is largest at v_s/√2, with the Stribeck velocity v_s."""
         return _upper(self.slope(joint, self.stribeck / arb(2).sqrt())) * _UP
 
     def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
-        """Return bounds on F' for speeds in [low, high]."""
+        """Return a lower and an upper bound on F' [N m s/rad] for speeds in [low, high] [rad/s]."""
         (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
         turn = _ends(self.stribeck / arb(2).sqrt())
         return min(a, c, -self.steepest(joint) if low <= turn[1] and high >= turn[0] else math.inf), max(b, d)
 
 
 def _tip(q: list[Any], length: list[Any]) -> list[Any]:
-    """Return the tip (x, y), x downwards."""
+    """Return the tip's position [x, y] [m], x downwards, at the link angles q."""
     parts = [(L * phi.cos(), L * phi.sin()) for L, phi in zip(length, (q[0], q[0] + q[1]), strict=True)]
     return [a + b for a, b in zip(*parts, strict=True)]
 
 
 def _on_circle(t: Any, duration: float) -> list[Any]:
-    """Return p(t) on the circle about (0.35, 0.65), R = 0.2: one turn backwards from ψ = π/2, quintic time law."""
+    """Return p(t) [m] on the circle about (0.35, 0.65), R = 0.2: a turn backwards from ψ = π/2, quintic time law."""
     x = t / arb(duration)
     psi = arb.pi() / 2 - 2 * arb.pi() * x * x * x * (10 - 15 * x + 6 * x * x)
     return [arb(0.35) + arb(0.2) * psi.cos(), arb(0.65) + arb(0.2) * psi.sin()]
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return q_d = p⁻¹ with q2 > 0, q̇_d and q̈_d by power series in time, in balls that contain the policy's floats."""
+    """Return q_d, q̇_d, q̈_d on the circle, q2 > 0, by power series in time; the balls contain the policy's floats."""
     (x, y), (one, two) = _on_circle(arb_series([t, 1], prec=3), duration), length
     q2 = ((x * x + y * y - one * one - two * two) / (2 * one * two)).acos()
     series = [(y / x).atan() - (two * q2.sin() / (one + two * q2.cos())).atan(), q2]  # x > 0
@@ -261,7 +261,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign of θ̇_d at rest, which rounding errors in doubles decide, as in 11 τ - 18 τ + 9 τ - 2 τ."""
+    """Return the sign of the computed θ̇_d at rest, decided by rounding errors, as in 11 τ - 18 τ + 9 τ - 2 τ."""
     (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
@@ -277,7 +277,7 @@ def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
 
 
 class _Law:
-    """u = own(θ, θ̇, x_I; r) + u_ff, where own vanishes at r = (θ_d, θ̇_d, θ̈_d) with x_I = 0."""
+    """A law u = own(θ, θ̇, x_I; r) + u_ff, r = (θ_d, θ̇_d, θ̈_d), where own = 0 at θ = θ_d, θ̇ = θ̇_d, x_I = 0."""
 
     def __init__(self, robot: dict[str, Any], duration: float) -> None:
         self.robot, self.nominal, self.duration = robot, _Plant(robot, _DEFAULTS), duration
@@ -307,7 +307,7 @@ class _Law:
         return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
     def respond(self: Any, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, Any, list[Any]]:
-        """Return u at x = (θ, θ̇, x_I), the Jacobian (2, 6), a bound (2,) on the rest in a box about x, and θ_d."""
+        """Return u at x = (θ, θ̇, x_I) = `point`, ∂u/∂x (2, 6), a bound (2,) on the remainder in x ± `box`, and θ_d."""
         (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
         near, far = (_jacobian(lambda y: self._own(y, r), y) for y in (x, wide))  # ∂u/∂(θ, θ̇, x_I), (2, 6)
@@ -320,7 +320,7 @@ class _Law:
 
 
 class _ComputedTorque(_Law):
-    """own = f(θ, θ̇, θ̈_d - 3ω ė - 3ω² e - ω³ x_I) - f(r), f(q, v, a) = M(q) a + C(q, v) v + g(q) + f_v v."""
+    """Computed torque: own = f(θ, θ̇, θ̈_d - 3ω ė - 3ω² e - ω³ x_I) - f(r), f(q, v, a) = M a + C v + g + f_v v."""
 
     def _own(self, x: list[Any], r: list[Any]) -> list[Any]:
         n, e, w, both = self.nominal, _less(x, r), _OMEGA, []
@@ -331,14 +331,14 @@ class _ComputedTorque(_Law):
         return [a - b for a, b in zip(*both, strict=True)]
 
     def _gains_at(self, x: list[Any]) -> list[list[Any]]:
-        """Return the gains of (e, ė, x_I), (2, 6), which are M(q) times those of the law."""
+        """Return the gains (2, 6) from (e, ė, x_I) to torques: M(q) times 3ω², 3ω and ω³."""
         n, w, rows = self.nominal, _OMEGA, _link_slopes(self.nominal.c, x[:2], [arb(0)] * 2, [arb(0)] * 2)[2]
         rows = [[a + n.inertia[j] * int(i == j) for i, a in enumerate(row)] for j, row in enumerate(rows)]
         return [[factor * a for factor in (3 * w * w, 3 * w, w**3) for a in row] for row in rows]
 
 
 class _Fuzzy(_Law):
-    """own = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r, L affine in z = (cos θ_2, -c_5 sinc(θ_1 + θ_2))."""
+    """Fuzzy law: own = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r, L affine in z = (cos θ_2, -c_5 sinc(θ_1 + θ_2))."""
 
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         super().__init__({name: _read(value) for name, value in document["robot"].items()}, duration)
@@ -374,7 +374,7 @@ def _dot(a: list[Any], b: list[Any]) -> Any:
 
 
 class _Course:
-    """f(s) = Σ c_j T_j(s) ± `left` on a segment."""
+    """A function f(s) = Σ c_j T_j(s) ± `left` on a segment, T_j Chebyshev's polynomials."""
 
     def __init__(self, c: list[Any], left: float) -> None:
         self.c, self.left, self.sizes = c, left, [_upper(x) for x in c]
@@ -389,7 +389,7 @@ class _Course:
         return (sum(self.sizes) + self.left) * _UP
 
     def range(self) -> tuple[float, float]:
-        """Return bounds on f: its values at both ends if |c_1| > Σ j² |c_j|, because |T_j'| <= j²."""
+        """Return lower and upper bounds on f: its end values if |c_1| > Σ j² |c_j|, j > 1, because |T_j'| <= j²."""
         ends = [_ends(x) for x in (sum(self.c, arb(0)), sum(self.c[::2], arb(0)) - sum(self.c[1::2], arb(0)))]
         beside = self.left
         if not float(self.c[1].abs_lower()) > 1.001 * sum(j * j * x for j, x in enumerate(self.sizes[2:], 2)):
@@ -424,7 +424,7 @@ class _Motion:
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return f(x, v, a, t) as courses; those of `linear`, a linear function of x, v and a, are exact."""
+        """Return courses of functions f(x, v, a, t) along the centre: of `linear`, exactly, and of all `others`."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -438,7 +438,7 @@ class _Motion:
 
 
 def _floats(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return middles and radii of a matrix of balls."""
+    """Return the middles and the radii of a matrix of balls as float arrays."""
     shape, entries = (matrix.nrows(), matrix.ncols()), matrix.entries()
     middle = np.array([float(x.mid()) for x in entries]).reshape(shape)
     radius = np.array([float(x.rad()) for x in entries]).reshape(shape)
@@ -456,7 +456,7 @@ _distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
 def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return bounds on |X G g|, with `own` added to the columns of the constants."""
+    """Return bounds on |X G g| for `rows` X, with `own` added to the columns of X G that belong to the constants."""
     image = np.einsum("ij,jk", rows[0], G)
     image[:, : own.shape[1]] += own
     spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
@@ -482,7 +482,7 @@ class _Friction:
         self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
 
     def parted(self, start: float, h: float, driving: float) -> Any:
-        """Return a bound on |δv| by Lemma 2, if |δN| including the constants is at most `driving` [N m]."""
+        """Return a bound on |δv| over a time h by Lemma 2, if |δv| <= `start` at first and |δN| <= `driving` [N m]."""
         eta, aside = self.needed.size() + self.share[1] * self.static[1], 0.0
         if self.side:  # a centre with v of the other sign, up to `aside`, is compared after a shift
             eta = self.missed + self.uncertain * self.static[1]
@@ -494,7 +494,7 @@ class _Friction:
         return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
     def bound(self, tube_v: float, spread: float, h: float) -> Any:
-        """Return a bound on |Γ_f + P| without the linear slope; |N - N_y| <= `spread` [N m], constants included."""
+        """Return a bound on |Γ_f + P| [N m] without the linear slope, for |δv| <= `tube_v`, |N - N_y| <= `spread`."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         if self.plan == "any":
@@ -530,7 +530,7 @@ class _Friction:
         return max(found) * _UP
 
     def _rates(self, tube_v: float, spread: float) -> tuple[float, float]:
-        """Return a lower bound on v̇ for v < 0, and an upper bound for v > 0."""
+        """Return a lower bound on v̇ [rad/s²] for v < 0, and an upper bound for v > 0; arguments as for `bound`."""
         net, weak = self.net.range(), self.share[0]
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         back, forth = (weak * _ends(self._plant.friction(self.joint, arb(max(x, 0.0))))[0] for x in (-low, high))
@@ -538,7 +538,7 @@ class _Friction:
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
     def after(self, tube_v: float, spread: float, h: float, end: float) -> tuple[float, float]:
-        """Return bounds on v at the end of the segment, where the centre has the velocity `end`."""
+        """Return bounds on v [rad/s] at the end of the segment, where the centre has the velocity `end`."""
         if self.plan in ("any", "held"):
             return (-math.inf, math.inf) if self.plan == "any" else (0.0, 0.0)
         falling, rising = self._rates(tube_v, spread)
@@ -549,7 +549,7 @@ class _Friction:
 
 
 class _Tube:
-    """The tube: iterating yields the control steps, and `step` returns bounds on the tip error in a control step."""
+    """The tube of deviations: iterating yields control steps; `step` returns bounds on the tip error in one."""
 
     def __init__(self, claim: _Claim) -> None:
         self._claim, name = claim, claim.law.removesuffix("-tip") + ".json"
@@ -577,7 +577,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the indices of control steps; for endless laps, repeat the last until it ends in its initial set."""
+        """Yield the indices of control steps; of endless laps, repeat the last one until it ends in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -605,7 +605,7 @@ class _Tube:
         """Return whether a lap ends in its initial set, and begin the next lap in a set around this end.
 
         Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. The end of the next lap has
-        columns with the same tags; the differences are the rest. It lies in the set if B g' = rest has a solution with
+        columns with the same tags; the differences are `rest`. It lies in the set if B g' = rest has a solution with
         |g'| <= 1: with E = 1 - W B for W near B⁻¹, |g'| <= max |W rest| / (1 - |E|).
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
@@ -636,11 +636,11 @@ class _Tube:
         self._tags, self._tag = np.append(self._tags, self._tag + np.arange(count)), self._tag + count
 
     def _move(self, of: list[list[Any]]) -> None:
-        """Refer deviations to the centre's floats instead of angles and velocities that differ by rounding."""
+        """Measure deviations from the centre's floats, not from angles and velocities `of` that differ by rounding."""
         self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
 
     def _prune(self) -> None:
-        """Replace the smallest columns, at most a share of 1e-4 of any row, by the box around them."""
+        """Replace the smallest columns, together at most 1e-4 of the size of any row, by the box around them."""
         m = len(self._plant.column)
         sizes = np.abs(self._G[:, m:])
         share = (sizes / np.maximum(sizes.sum(axis=1, keepdims=True), 1e-300)).max(axis=0)
@@ -769,7 +769,7 @@ class _Tube:
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
-        """Return level and slope (6, m) of the constants' torques by channel, rest (6,), and sizes on motors (2,)."""
+        """Return level and slope (6, m) of the constants' torques, bounds on remainders (6,) and on the motors (2,)."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
         signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
@@ -793,7 +793,7 @@ class _Tube:
         return level, slope, rest, sizes
 
     def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
-        """Return w̄ (6,) on a tube, the resulting bounds on S ξ (18,), and on |N - N_y| with the constants (2,)."""
+        """Return w̄ (6,) for a claimed tube, the resulting bounds (18,) on |S ξ|, and bounds (2,) on |N - N_y| [N m]."""
         (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
         w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
@@ -824,7 +824,7 @@ class _Tube:
         return w, reached, spread
 
     def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
-        """Return bounds on S ξ without w, on the effect of w = 1, and a function of w̄ that propagates the zonotope.
+        """Return bounds on |S ξ| for w = 0, on the effect of w = 1, and a function of w̄ that propagates the zonotope.
 
         Between both ends, S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). For each
         half of the segment, two moments of w about the middle of the half become columns; the third becomes a box.
@@ -870,7 +870,7 @@ class _Tube:
         return free, push * _UP, after
 
     def _tip(self, t: float) -> float:
-        """Return a bound on |p(q) - p_r|, from `_TURNS` directions, including the quadratic remainder."""
+        """Return a bound on |p(q) - p_r| [m] at time t, from `_TURNS` directions and the quadratic remainder."""
         q, length = [arb(x) for x in self._centre[2:4]], self._plant.length
         tip, J = _tip(q, length), _jacobian(lambda x: _tip(x, length), q)
         off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration), strict=True)]
@@ -890,7 +890,7 @@ class _Tube:
         return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
 
     def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
-        """Return the excess of the tip error over its values at both ends; parts are within h²/8 sup |f̈| of lines.
+        """Bound the excess [m] of the tip error over its end values; each part f is within h²/8 sup |f̈| of a line.
 
         Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
         """

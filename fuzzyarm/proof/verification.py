@@ -27,7 +27,7 @@ _LISTED = 20  # claims in the printed report
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
-    """The certificate of one file; statements that depend on the reference are for the paper's circle."""
+    """The certificate of one controller file; statements that depend on the reference are for the paper's circle."""
 
     path: Path  # the file
     certificate: Certificate  # claims of the file, each proven or not

@@ -37,38 +37,38 @@ class Vertices:
 
     @property
     def n_e(self) -> int:
-        """Size of ē."""
+        """The number of entries of ē."""
         return ERROR_STATES if self.integral else PLANT_STATES
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """The index pairs i <= j of the convex double sum."""
+        """The index pairs (i, j), i <= j, of vertices of A in the double sum of the inequalities."""
         return [(i, j) for i in range(len(self.A)) for j in range(i, len(self.A))]
 
     def midpoints(self) -> Self:
-        """Return the vertices (A_i + A_j)/2 of the pairs, in their order.
+        """Return the same data with the matrices (A_i + A_j)/2 of all `pairs`, in their order, as the list A.
 
-        Since Ψ_ijk is affine in A_i, M_jk, L_jk, (Ψ_ijk + Ψ_jik)/2 is Ψ at them with (M_ik + M_jk)/2, (L_ik + L_jk)/2.
+        Since Ψ_ijk is affine in A_i, M_jk, L_jk, (Ψ_ijk + Ψ_jik)/2 is Ψ there with (M_ik + M_jk)/2, (L_ik + L_jk)/2.
         """
         return dataclasses.replace(self, A=[0.5 * (self.A[i] + self.A[j]) for i, j in self.pairs])
 
     def error_E(self, k: Index) -> np.ndarray:
-        """Return Ē_k (..., n_e, n_e)."""
+        """Return Ē_k = diag(E_pk, I), (..., n_e, n_e), for one index k or an array of them."""
         return self._with_integral(self.E, k, identity(self.n_e)[PLANT_STATES:])
 
     def error_A(self, i: Index) -> np.ndarray:
-        """Return Ā_i (..., n_e, n_e)."""
+        """Return Ā_i = [[A_pi, 0], [C_p, 0]], (..., n_e, n_e), for one index i or an array of them."""
         return self._with_integral(self.A, i, identity(self.n_e)[: self.n_e - PLANT_STATES])
 
     def _with_integral(self, plant: list[np.ndarray], index: Index, below: np.ndarray) -> np.ndarray:
-        """Return [[Y, 0], below] (..., n_e, n_e) for one or more of the matrices Y (4, 4)."""
+        """Return [[Y, 0], below], (..., n_e, n_e), for each of the matrices Y = plant[index] (4, 4)."""
         chosen = np.asarray(plant)[index]
         whole = np.zeros((*chosen.shape[:-2], self.n_e, self.n_e), dtype=chosen.dtype)
         whole[..., PLANT, PLANT], whole[..., PLANT_STATES:, :] = chosen, below
         return whole
 
     def error_rows(self, plant_rows: np.ndarray) -> np.ndarray:
-        """Return [Y; 0] (..., n_e, m) for Y (..., 4, m), which acts on the rows of e and not on the row of ẋ_I."""
+        """Return [Y; 0], (..., n_e, m), for rows Y (..., 4, m) of the plant: the zero rows are for ẋ_I, if present."""
         *stack, _, columns = plant_rows.shape
         whole = np.zeros((*stack, self.n_e, columns), dtype=plant_rows.dtype)
         whole[..., PLANT, :] = plant_rows

@@ -94,13 +94,13 @@ class Space:
         return known(*(self.number(x) for x in arguments))
 
     def rolled(self, name: str, arrays: tuple[Any, ...], _: tuple[bool, ...]) -> None:
-        """Add G x to y, as `add_product` does, for all rows of G at once."""
+        """Add G x to y for the arrays (x, Gᵀ, y) of a loop named `add_product`, for all rows of G at once."""
         assert name == "add_product"
         x, transposed, y = arrays
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return an enclosure of y + sign Σ w_c G_c x, see `on_table`, for all possible rows of the table."""
+        """Return enclosures of y + sign Σ w_c G_c x for all possible rows G_c of a table; each corner is (row, w_c)."""
         found = []
         for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
             at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]
@@ -235,7 +235,7 @@ _ASINH = _Bend(
 
 
 class Affine:
-    """An affine number."""
+    """A number that covers all points of a zonotope, x = c + r (ξ, g) + β; see the module."""
 
     __slots__ = ("_reach", "middle", "parts", "rest", "row", "size", "space")
     __array_ufunc__ = None
@@ -256,7 +256,7 @@ class Affine:
         return self._reach
 
     def range(self) -> tuple[float, float]:
-        """Return a lower and an upper float bound; `NoBound` if the number is unbounded."""
+        """Return a lower and an upper float bound on the number; `NoBound` if it is unbounded."""
         radius = self.reach() + self.rest
         if not abs(self.middle) + radius < math.inf:
             raise NoBound("no finite bound was found for an intermediate value of the law")
@@ -383,7 +383,7 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _rounded(
     of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
 ) -> Affine:
-    """Return the result of an operation, with its rounding error added to the rest."""
+    """Return the result of an operation, with its rounding error added to `rest`."""
     return Affine(of.space, middle, row, size * _UP, (rest + _ROUND * (abs(middle) + size)) * _UP + _TINY, reach)
 
 
@@ -392,7 +392,7 @@ def _rounded(
 
 @dataclasses.dataclass(frozen=True)
 class _Undecided:
-    """A condition that is true at some points only: `lesser` below `greater`, or any other if these are None."""
+    """A condition that is true at some points only: `lesser` below `greater`, or any other if both are None."""
 
     lesser: Any = None
     greater: Any = None
@@ -441,7 +441,7 @@ def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
 
 
 def _level(a: Any, b: Any) -> Affine | None:
-    """Return min(max(x, a), b) as a number in [a, b] if x may be below a and above b; None for any other minimum."""
+    """Return min(a, b) as an unknown in a range if it limits to this range an x that may exceed both; else None."""
     larger, most = (a, b) if isinstance(a, Affine) else (b, a)
     if isinstance(most, Affine) or larger.parts is None:
         return None
@@ -473,7 +473,7 @@ class _Places:
         self.source, self.values = source, tuple(values)  # the argument of `floor`, and the values
 
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
-        """Apply an operation to each value and `others`; `NoBound` if these depend on another floor."""
+        """Apply an operation to each value and `others`; `NoBound` if these depend on another undecided floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
             raise NoBound("the law combines two table look-ups, and the tube determines the row of neither")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
@@ -525,7 +525,7 @@ def _bent(function: _Bend, x: Affine) -> Affine:
 
 
 def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:
-    """Return v' and e of `stick_slip`.
+    """Return the velocity v' and the angle e that `stick_slip` returns for v, α, f and h, its arguments in order.
 
     The velocity is v' = v + h (α ∓ f) if the motor slips in one direction throughout, and v' = 0 if it comes to rest.
     v' and the angle e are continuous in (v, α, f), because friction does not drive two motions apart, with

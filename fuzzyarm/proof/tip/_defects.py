@@ -90,11 +90,11 @@ class Signal:
         return self[0] + sum((largest(a) for a in self.coefficients[1:]), 0.0) * between(-1.0, 1.0)
 
     def size(self) -> float:
-        """Return a bound on |a(s)|."""
+        """Return a bound on the absolute value of the signal during the whole period."""
         return largest(self.range())
 
     def bent(self) -> float:
-        """Return a bound on |a(s) - a_0 - a_1 s|."""
+        """Return a bound on the distance of the signal from the line a_0 + a_1 s."""
         return sum(largest(a) for a in self.coefficients[2:]) * (1.0 + 2.0**-40)
 
     def ends(self) -> tuple[float, float]:
@@ -138,7 +138,7 @@ class PeriodMotion:
     """The centre of a period, or of a part of one, in balls: its angles and their derivatives as signals [rad, s]."""
 
     def __init__(self, angles: np.ndarray, period: float, physics: Physics) -> None:
-        """Take the coefficients (4, DEGREE + 1) of the angles [rad], T [s], and the equations of the arm."""
+        """Take the coefficients (4, DEGREE + 1) of the angles [rad], the duration [s], and the equations of the arm."""
         rate, self.duration, self._physics, self._joints = 2 / arb(period), period, physics, physics.joints
         self.angle = [Signal(map(arb, row)) for row in angles.tolist()]
         self.velocity = [signal.derivative(rate) for signal in self.angle]
@@ -151,7 +151,7 @@ class PeriodMotion:
         return [[signal.range() for signal in kind] for kind in self.links]
 
     def at(self, s: int) -> list[Any]:
-        """Return the state (8 balls) at s = -1 or s = 1."""
+        """Return the state θ, q, θ̇, q̇ (8 balls) at the start, s = -1, or at the end, s = 1."""
         return [signal.at(s) for signal in (*self.angle, *self.velocity)]
 
     def bending(self, joint: int) -> Signal:
@@ -163,14 +163,14 @@ class PeriodMotion:
         return self.velocity[joint] - self.velocity[self._joints + joint]
 
     def net_torque(self, joint: int, torque: float, arm: Any) -> tuple[Signal, Signal]:
-        """Return N and P of a motor under a held torque [N m], with the constants of `arm`."""
+        """Return a motor's net torque N and P = N - I_a θ̈ [N m] under a held torque, with the constants of `arm`."""
         own = motors(arm, self.links[0])[joint]
         net = Signal([arb(torque)]) - own.stiffness * self.bending(joint) - own.damping * self.bending_rate(joint)
         net -= own.viscous * self.velocity[joint]
         return net, net - own.motor_inertia * self.acceleration[joint]
 
     def link_torques(self, force: Forces, arm: Any) -> list[Signal]:
-        """Return R of all links."""
+        """Return the torques R [N m] of all links as signals, under a tip force and with the constants of `arm`."""
         n = self._joints
 
         def torques(*links: Any) -> Any:
@@ -179,12 +179,12 @@ class PeriodMotion:
         return _through(torques, *itertools.chain(*self.links), *force)
 
     def link_defects(self, torques: list[Signal], arm: Any) -> list[Signal]:
-        """Return d of all links."""
+        """Return the defects d = K φ + B φ̇ - R [N m] of all links, for their torques R and the constants of `arm`."""
         drives = enumerate(motors(arm, torques))
         return [own.stiffness * self.bending(j) + own.damping * self.bending_rate(j) - torques[j] for j, own in drives]
 
     def lever_arms(self, directions: np.ndarray, arm: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return Jᵀ d (2, 2) [m] for directions d (rows) at mid-period, and its largest change in the period."""
+        """Return joint torques Jᵀ d (2, 2) [m] for unit forces d (rows) at mid-period, and bounds on their change."""
         lever, spread = np.zeros((self._joints, len(directions))), np.zeros((self._joints, len(directions)))
         middles, force = [signal[0] for signal in self.links[0]], self._physics.Point
         for axis, unit in enumerate(directions.tolist()):
@@ -198,12 +198,12 @@ class PeriodMotion:
         return lever, spread + SLACK * np.abs(lever).sum()
 
     def slip(self, joint: int, side: int, arm: Any) -> Signal:
-        """Return F(v) [N m] of a motor that moves in one direction."""
+        """Return the dry friction F(v) [N m], a signal, of a motor that moves in the direction `side`, 1 or -1."""
         return _through(lambda speed: (dry_friction(speed, joint, arm),), side * self.velocity[joint])[0]
 
 
 def dry_friction(speed: Any, joint: int, arm: Any) -> Any:
-    """Return F(v) [N m] of a motor as the environment computes it, for speeds [rad/s] of any number type."""
+    """Return a motor's dry friction F(v) [N m] as the environment computes it, for speeds [rad/s] of any type."""
     return STRIBECK.magnitude(speed, getattr(arm, f"dry_friction{joint + 1}"))
 
 

@@ -66,7 +66,7 @@ class _Linearised:
         self.at = mass, angle, velocity
 
     def left_out(self, tube: np.ndarray) -> np.ndarray:
-        """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for all forces."""
+        """Bound |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for all tip forces."""
         at, joints = self._plant.layout.rows, self._plant.physics.joints
         rows = at.link, at.d_link, at.link_acceleration
         boxes = [
@@ -103,7 +103,7 @@ class LinkRemainder:
         )
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """Return bounds (2,) on |n| [N m] for a claimed tube ρ (18,) and the other torques w̄ (8,).
+        """Return bounds (2,) [N m] on the omitted torques |n| for a claimed tube ρ (18,) and the other torques w̄ (8,).
 
         The observed rows, which end with the `products`, are within free (18 + n,) + push (18 + n, 8) w̄.
         """
@@ -121,7 +121,7 @@ class LinkRemainder:
         return np.asarray(found)
 
     def _by_link(self, torques: np.ndarray) -> np.ndarray:
-        """Return the sum over the masses for each link (2,) of torques (2 masses,), ordered by mass, then by link."""
+        """Return the sum over the masses, by link (2,), of torques (2 masses,) in the order of mass, then of link."""
         return np.asarray(torques.reshape(-1, self._layout.joints).sum(axis=0))
 
 
@@ -159,7 +159,7 @@ class Drive(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
-        """Return the torques of all uncertain constants, with those of dry friction according to the motors' plans."""
+        """Return the torques of all uncertain constants, including dry friction according to the motors' plans."""
         drive, channels = Drive(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None

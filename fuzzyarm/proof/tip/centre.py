@@ -43,11 +43,11 @@ class _Nodes(np.ndarray):
     """Values at the nodes, with NumPy's sine and cosine; their last digits may differ from the environment's."""
 
     def sin(self) -> np.ndarray:
-        """Return the sine."""
+        """Return the sine of each value."""
         return np.sin(self.view(np.ndarray))
 
     def cos(self) -> np.ndarray:
-        """Return the cosine."""
+        """Return the cosine of each value."""
         return np.cos(self.view(np.ndarray))
 
 
@@ -64,7 +64,7 @@ class Centre:
     """The solver that computes the centre, period by period."""
 
     def __init__(self, arm: Any, period: float, physics: Physics) -> None:
-        """Prepare the collocation for the constants of an arm, T [s], and the equations of the arm."""
+        """Prepare the collocation for an arm's constants, the control period [s], and the arm's equations."""
         self._arm, self._period, self._physics, self._grain = arm, period, physics, math.ulp(period)
         self._joints = physics.joints
         self._drives = motors(arm, range(self._joints))
@@ -129,7 +129,7 @@ class Centre:
         return tuple(modes)
 
     def _net(self, theta: Any, q: Any, dtheta: Any, dq: Any, torque: Any, j: int) -> Any:
-        """Return the net torque N [N m] of a motor."""
+        """Return the net torque N [N m] of motor j: the held torque less elastic, damping and viscous torques."""
         own = self._drives[j]
         return torque - own.stiffness * (theta - q) - own.damping * (dtheta - dq) - own.viscous * dtheta
 

@@ -75,11 +75,11 @@ class Jet:
 
     @classmethod
     def variable(cls, value: Any, index: int) -> Jet:
-        """Return the variable with this index, at a value."""
+        """Return a jet for the variable `index` itself: its value, and the derivative one."""
         return cls(value, {index: arb(1)})
 
     def slope(self, index: int) -> Any:
-        """Return the derivative with respect to a variable."""
+        """Return the derivative with respect to the variable with this index."""
         return self.slopes.get(index, arb(0))
 
     def _scaled(self, factor: Any) -> dict[int, Any]:
@@ -116,13 +116,13 @@ class Jet:
     __rmul__ = __mul__
 
     def sin(self) -> Jet:
-        """Return the sine."""
+        """Return the jet of the sine of this jet."""
         return Jet(self.value.sin(), self._scaled(self.value.cos()))
 
     def exp(self) -> Jet:
-        """Return the exponential."""
+        """Return the jet of the exponential of this jet."""
         return Jet(self.value.exp(), self._scaled(self.value.exp()))
 
     def cos(self) -> Jet:
-        """Return the cosine."""
+        """Return the jet of the cosine of this jet."""
         return Jet(self.value.cos(), self._scaled(-self.value.sin()))

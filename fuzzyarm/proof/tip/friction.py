@@ -64,7 +64,7 @@ class _Curve:
         return dry_friction(arb_series([speed, 1]), self._joint, self._arm)
 
     def at(self, speed: Any) -> Any:
-        """Return F [N m] at a speed [rad/s]."""
+        """Return the friction F [N m] at a speed [rad/s]."""
         return dry_friction(speed, self._joint, self._arm)
 
     def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
@@ -165,7 +165,7 @@ class Friction:
             self.slope = -middle_of(slope)
 
     def torque(self) -> Signal | None:
-        """Return the centre's friction torque, which the uncertain friction factor scales; None if not under SLIP."""
+        """Return the centre's friction torque, to be scaled by the friction factor; None unless the plan is SLIP."""
         if self.plan is not Plan.SLIP or self._slip is None:
             return None
         return -self.side * self._slip
@@ -185,7 +185,7 @@ class Friction:
     def driving(self, tube_net: float, constants: float, products: float) -> float:
         """Return a bound on |δN| + η [N m] for the plan MONOTONE; arguments as for `bound`.
 
-        η includes the effect of the friction factor's range, for centres that slip or rest by the friction law.
+        η, the distance of the centre from the friction law, includes the effect of the friction factor's range.
         """
         static = self.static[1]
         eta = self._missed
@@ -274,7 +274,7 @@ class Friction:
         return Speed(max(low, least), min(high, most))
 
     def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
-        """Return bounds on v at the end of the segment, from its range `end` [rad/s] in the tube."""
+        """Return bounds on v at the end of the segment, from its range `end` in the tube; `spread` as for `_rates`."""
         if self.plan is Plan.ANY:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:

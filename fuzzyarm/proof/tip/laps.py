@@ -37,7 +37,7 @@ _ALIKE = 0.9  # share of a column's norm that a multiple of another must remove,
 
 @dataclasses.dataclass(frozen=True)
 class StartBox:
-    """Half the widths of a box of initial states about the environment's; one number, or one for each joint."""
+    """Half the widths of a box about the environment's initial state: one number, or one for each joint or entry."""
 
     angle: _Width = 0.0  # of the motors, with the bending fixed [rad]
     bending: _Width = 0.0  # of the joints, θ - q [rad]
@@ -76,7 +76,7 @@ class StartBox:
             raise ValueError(f"{path}: {error}") from None
 
     def in_words(self) -> str:
-        """Return the widths that are not zero: "angle ± 0.0005 rad, ..."."""
+        """Return the half widths that are not zero as text: "angle ± 0.0005 rad, ..."."""
 
         def numbers(width: Any) -> str:
             return " and ".join(map(repr, width)) if isinstance(width, tuple) else repr(width)
@@ -170,7 +170,7 @@ class LapSet(NamedTuple):
 
 
 def _parted(deviations: Zonotope) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns of the constants, and the others."""
+    """Return the zonotope's columns for the uncertain constants, and its other columns."""
     first = int((deviations.source < 0).sum())
     return deviations.columns[:, :first], deviations.columns[:, first:]
 

@@ -37,13 +37,13 @@ _LARGEST = 0.5  # of the tube's angles [rad]; no iteration has ever closed beyon
 
 @dataclasses.dataclass(frozen=True)
 class Closed:
-    """A period with a closed tube."""
+    """A period with a closed tube: the deviation is proven to stay in it."""
 
     tube: np.ndarray  # ρ (18,) in the order of `Layout.rows`
     torques: np.ndarray  # w̄ (8,) in the order of `Layout.channels` [N m; N]
     solution: Transition  # of the linear equation
     drive: Drive  # of the uncertain constants
-    columns: np.ndarray  # (8, n) of the zonotope at the end, without the torques w̄; the constants' columns first
+    columns: np.ndarray  # (10, n) of the zonotope at the end, without the torques w̄; the constants' columns first
     known: tuple[Speed, ...]  # bounds on the motors' velocities at the end
     plans: tuple[Plan, ...]  # the plan that bounds each motor's friction
     # middle of the friction torques of motors with the plan MIXED [N m], None for others
@@ -160,7 +160,7 @@ class Period:
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
-        """Return the cached friction of a motor under a plan."""
+        """Return the `Friction` of a motor under a plan, from a cache if it is already known."""
         key = joint, plan, known
         if key not in self._frictions:
             mode, torque = self._centre.modes[joint], float(self._torque[joint])
@@ -168,7 +168,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Raise `PlanFails` if the torque on a velocity under the plan MONOTONE exceeds `_MOST_DRIVEN`."""
+        """Raise `PlanFails` if, under MONOTONE, the bound on |δv| grows by more than `_MOST_DRIVEN` allows."""
         for j, (friction, own) in enumerate(zip(frictions, self._drives, strict=True)):
             pulled = (after[j] - before[j]) * own.motor_inertia
             if (
@@ -180,7 +180,7 @@ class Period:
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns (8, n) at the end, and bounds (18 + n,) on |S ξ_h| during the period."""
+        """Return the zonotope's columns (10, k) at the end for w̄ = 0, and bounds (18 + n,) on |S ξ_h| in the period."""
         S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
         constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
@@ -232,7 +232,7 @@ class Period:
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
-        """Return bounds on the motors' velocities at the end."""
+        """Return bounds on the motors' velocities [rad/s] at the end of the period."""
         found, ends = list[Speed](), self.motion.at(1)[self._rows.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)

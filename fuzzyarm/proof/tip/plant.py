@@ -100,7 +100,7 @@ class PlantSet:
         return {name: _plain(value) for name, value in dataclasses.asdict(self).items()}
 
     def narrowed(self, axis: Axis, part: tuple[float, float]) -> PlantSet:
-        """Return the set with the range of one axis replaced."""
+        """Return the set with the range of one axis replaced by `part`."""
         name, joint = axis
         both = tuple(part if j == joint else self.of_joint(name, j) for j in range(JOINTS))
         named: dict[str, Any] = {name: both if name in BY_JOINT else part}
@@ -155,7 +155,7 @@ def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
 
 
 def _checked(name: str, given: Any) -> Any:
-    """Return a range, or a pair of them, as floats."""
+    """Check the field `name` of a set; return it as a range (low, high), or one for each joint, in floats."""
     low, high, unit = ALLOWED[name]
     if name in BY_JOINT and isinstance(given, list | tuple) and any(isinstance(part, list | tuple) for part in given):
         if len(given) != JOINTS:
@@ -293,7 +293,7 @@ def _factors(physics: Physics, by_name: dict[str, list[Any]]) -> Any:
 
 
 def _share(bounds: tuple[float, float]) -> tuple[float, float]:
-    """Return the lowest and the highest factor of the dry friction, relative to the middle."""
+    """Return both ends of a range of the dry friction's factor, relative to its middle, rounded outwards."""
     middle = 0.5 * sum(bounds)
     low, high = (x / middle if middle else 1.0 for x in bounds)
     return (low - 2.0**-50, high + 2.0**-50 * high) if low < high else (low, high)

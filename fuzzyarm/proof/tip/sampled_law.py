@@ -82,13 +82,13 @@ class SampledLaw:
     def repeats(self, steps: int) -> bool:
         """Return whether all laps of `steps` samples after the first are alike.
 
-        They are if the third begins with the memory of references that the second began with.
+        They are if the third lap begins with the same memory of references as the second.
         """
         second, third = (np.delete(self._held[lap * steps, 0], self.remembered) for lap in (1, 2))
         return bool((second == third).all())
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
-        """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): measured θ, θ̇, memory.
+        """Return (u, m⁺) at the k-th sample, for deviations `seen` from a point (4 + m,): measured θ, θ̇, memory.
 
         At the first sample the memory is zero. `NoBound` if a choice of the law is undecided on this set or an
         operation has no enclosure; ValueError if an enclosure is not finite.
@@ -124,7 +124,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return the columns of the zonotope and of the unknowns; a remainder becomes a column or an entry of the box."""
+    """Return a `Response` with columns of zonotope and unknowns; each `rest` becomes a column or enters the box."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

@@ -50,7 +50,7 @@ def layout(joints: int, axes: int) -> Layout:
 
 
 class Transition(NamedTuple):
-    """The solution over one period."""
+    """The solution of the linear equation over one period."""
 
     phi: np.ndarray  # exp(A T), (10, 10)
     growth: np.ndarray  # E = exp(|A|' T), (10, 10), rounded up

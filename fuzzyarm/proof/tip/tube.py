@@ -35,9 +35,9 @@ _CIRCLES = 19  # circles of latitude of directions in space; the polyhedron is a
 def tip_bound(
     state: np.ndarray, deviations: Zonotope, plant: BallPlant, wanted: list[float]
 ) -> tuple[float, np.ndarray]:
-    """Return a bound on the tip error [m] at a sample, and the share of each source: `SOURCES`, constants, centre.
+    """Return a bound on the tip error [m] at a sample, and the part of each source: `SOURCES`, constants, centre.
 
-    For the centre's state (8,) with the link angles q_y, a zonotope of deviations, the arm and the target p_r [m],
+    For the centre's state (8,) with the link angles q_y, a zonotope of deviations, an arm and the `wanted` p_r [m],
 
     |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' along the straight line from q_y to q. J δq, with or
     without the centre's error p(q_y) - p_r, lies in a polygon or polyhedron whose faces have fixed directions.
@@ -83,7 +83,7 @@ def _units(axes: int) -> tuple[np.ndarray, float]:
 
 
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reach in the relevant directions (zero elsewhere) and a mask of these; in space, all are relevant.
+    """Return the reach of the tip's deviations in the relevant directions, else 0, and a mask of these; in space, all.
 
     Let v be the farthest point of a symmetric set with reach h. Some coarse direction c (every `_COARSE`-th) is within
     the angle α = π _COARSE/(2 _DIRECTIONS) of v, so h(c) >= |v| cos α >= h(c') cos α for all c'. Only near such c are
@@ -171,7 +171,7 @@ class _State:
 
     @property
     def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The centre c of a `LapSet` around this state."""
+        """The centre of a `LapSet` around this state: for θ, q, θ̇, q̇, for the memory, and for the waiting torque."""
         return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
 
     def around(self) -> LapSet:
@@ -184,7 +184,7 @@ class _State:
 
 
 class Tube:
-    """The tube; iterating over it yields one `Step` after another."""
+    """The tube of deviations along a motion; iterating over it yields one `Step` after another."""
 
     def __init__(
         self,
@@ -247,7 +247,7 @@ class Tube:
         return Step(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
-        """Return the bound on the tip error at the k-th sample, and the shares of its sources."""
+        """Return the bound on the tip error at the k-th sample and the parts of its sources, from `tip_bound`."""
         wanted = self.problem.schedule.targets[k, : self._layout.axes].tolist()
         return tip_bound(self.state.centre, self.state.deviations, self.problem.plant, wanted)
 

@@ -26,7 +26,7 @@ _WORK = 250_000  # multiplications at a time, too few for a linear algebra libra
 
 
 class Zonotope:
-    """A zonotope of deviations."""
+    """A zonotope of deviations x = Z g + β, |g_i| <= 1, |β| <= box; see the module."""
 
     def __init__(self, numbers: int, constants: int) -> None:
         """Start with zero deviation, and a zero column for each uncertain constant."""
