@@ -59,7 +59,7 @@ def check_options(options: dict[str, Any]) -> None:
 
 
 def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scenario:
-    """Return the scenario requested by reset options."""
+    """Return the scenario that reset options request for an arm; what they omit is as in `own`."""
     check_options(options)
     disturbance, reference = own
     if "case" in options or "disturbance" in options:
@@ -70,7 +70,7 @@ def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scen
 
 
 def initial_state(given: Any, arm: AnyArm) -> np.ndarray:
-    """Return a given initial state (4 joints,), angles [rad] and velocities [rad/s], checked against the limits."""
+    """Return a given initial state (4 × joints,), angles [rad] and velocities [rad/s], checked against the limits."""
     low, high, speed, _ = bounds_of(arm)
     lowest, highest = (np.concatenate(part) for part in ((low, low, -speed, -speed), (high, high, speed, speed)))
     state = real_numbers("initial_state", given)
@@ -157,7 +157,7 @@ def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
 
 
 def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
-    """Return initial states (lanes, 4 joints) [rad, rad/s], given as one state for all lanes or one per lane."""
+    """Return initial states (lanes, 4 × joints), see `initial_state`; `given` is one for all lanes or one per lane."""
     states = real_numbers("initial_state", given)
     numbers = size(equations_of(plants[0]).State)
     one, all_lanes = (numbers,), (lanes, numbers)

@@ -46,10 +46,10 @@ def control_step(
     physics: Physics, state: Any, command: Any, now: Any, target: Any, arm: Any, limits: Any, factor: Any, h: Any,
     substeps: Any,
 ) -> Moved:  # fmt: skip
-    """Return an arm after one control step under the torques of a controller, `command` [N m].
+    """Return the state and its assessment after one control step under a controller's torques, `command` [N m].
 
-    `now` is the row of the schedule at the start of the step, and its force is multiplied by `factor`; `target` is the
-    tip's target at the end of the step; `limits` are those of the arm; other arguments are as for `held_of`.
+    `now` is the schedule's row at the start of the step, whose tip force is multiplied by the lane's `factor`; `target`
+    is the tip's target at the end of the step; `limits` are those of the arm; other arguments are as for `held_of`.
     """
     torque = physics.PerJoint(*map(clipped, command, limits.torque))
     applied = physics.PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
@@ -62,7 +62,7 @@ def assessed(
     physics: Physics, before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any,
     arm: Any, limits: Any,
 ) -> Moved:  # fmt: skip
-    """Return the arm, with assessment and reason, after a step from the state `before` to the state `reached`."""
+    """Return the state, with assessment and reason, after a step from the state `before` to the state `reached`."""
     sound = finite(reached)
     pairs = zip(flat(reached), flat(before), strict=True)
     state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))

@@ -100,9 +100,9 @@ class Lanes:
     ) -> _Outcome:
         """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
-        The lanes are `which` (n,), in ascending order, or all. A seed None continues a lane's random stream. The
-        scenarios replace the lanes' own ones in this episode; there is one for all or one per lane. The initial states
-        are (n, 4 joints), by default at rest on the reference.
+        The lanes are `which` (n,), in ascending order, or all. A seed of None continues a lane's random stream.
+        Scenarios, one for all or one for each of the n lanes, replace the lanes' own in this episode only. The initial
+        states are (n, 4 × joints), by default at rest on the reference.
         """
         lanes = np.arange(self.count) if which is None else which
         others = None if scenarios is None else self._tabulated(scenarios, lanes)

@@ -49,7 +49,7 @@ class Noise(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """Integers of a lane: rows of the table (of the present instant, first, last), and the key of its episode."""
+    """Integers of a lane: its present, first and last row in the schedules' table, and its random numbers' key."""
 
     row: Any
     first: Any
@@ -136,8 +136,8 @@ class Layout:
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
 
-        Vectors have a row for each entry, see `each`. The result is a plain tuple, since a record would slow small
-        batches.
+        Vectors (entries, lanes) have a row for each entry, see `each`; scalars are those of `SCALARS`. The result is a
+        plain tuple, since a record would slow small batches.
         """
         observations, numbers = self.arrays(out, lanes)
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
@@ -152,7 +152,7 @@ _LINE = 8  # numbers in a cache line
 
 
 def _apart(lanes: int) -> int:
-    """Return the distance between rows of `Results`: an odd number of cache lines, so that many rows stay cached."""
+    """Return the distance between rows of `Results` in numbers: an odd number of cache lines, to keep rows cached."""
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 

@@ -31,7 +31,7 @@ _Item = TypeVar("_Item")
 
 
 class _Episode(NamedTuple):
-    """A reference, its schedule, and the initial data of its episode, in which `Tables` fills in the rows."""
+    """A reference, its schedule, and the initial data of an episode, whose row numbers `Tables` fills in."""
 
     reference: Reference
     schedule: Schedule

@@ -94,13 +94,13 @@ class Chain(NamedTuple):
     def torques(
         self, rates: Sequence[Any], accelerations: Sequence[Any], gravity: Vector, force: Vector = NOTHING
     ) -> list[Any]:
-        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler.
+        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler, without masses.
 
-        Outwards, with U = [α]× + [ω]×², which takes a point of the link to its acceleration relative to the origin:
+        Outwards, with U = [α]× + [ω]×² and, on the right, ω, α and a of the frame before; first ω = α = 0 and a = -g:
 
             ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
 
-        Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, plus f and n of the links beyond.
+        Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, plus the wrench from beyond.
 
         Gravity g [m/s²] is in the base frame, the tip force F [N] in the last frame; h and L are as in `Body`.
         """
@@ -221,7 +221,7 @@ def joined(first: Body, second: Body) -> Body:
 
 
 def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Body:
-    """Return a body in the frame before, in which its own frame has this rotation and position (parallel axes)."""
+    """Return a body in the preceding frame, where its own frame has this pose, by the parallel-axis theorem."""
     d, k, m = position, rotated(rotation, body.moment), body.mass
     e = rotated_inertia(rotation, body.inertia)
     moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])

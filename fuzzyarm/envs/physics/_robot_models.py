@@ -2,7 +2,7 @@
 
     model = "ur5.urdf"                     # beside this file
     tip = "tool0"                          # a link or site of the model, or [x, y, z] in the last link's frame [m]
-    fixed = ["finger_joint1"]              # joints that stay at rest as in the model; optional
+    fixed = ["finger_joint1"]              # joints locked at their angles in the model; optional
     [joints.shoulder_pan_joint]
     motor_inertia = 0.6                    # the fields of `Drive`, and `velocity_limit`
 

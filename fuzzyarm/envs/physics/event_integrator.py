@@ -1,13 +1,13 @@
 """Reference solution of the elastic arm: a hybrid automaton, integrated event by event.
 
-Equations (1) to (3), with the signs of (5), motor inertias M_a, viscous friction N_a and a force F on the tip:
+Equations (1) to (3), with the signs of (5), motor inertias M_a, viscous friction N_a, dry friction Γ_f, tip force F:
 
     M_a q̈_a + N_a q̇_a = Γ - Γ_t + Γ_f,    Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b),
     M_b(q_b) q̈_b + N_b(q_b, q̇_b) q̇_b + g(q_b) = Γ_t + J(q_b)ᵀ F(t).
 
-Each motor is in one of three modes. It slips forwards or backwards, where Γ_f = -F(q̇_a) sign q̇_a is smooth, until
-its velocity falls to zero; or it sticks, q̇_a = 0 exactly, until |Γ - Γ_t| exceeds Γ_fs. Between two such events
-the equations are smooth, so DOP853 solves them to the requested tolerance.
+Each motor is in one of three modes. It slips forwards or backwards, where Γ_f = -S(|q̇_a|) sign q̇_a, S the Stribeck
+curve, until its velocity falls to zero; or it sticks until |Γ - Γ_t| exceeds the static friction Γ_fs. Between two
+such events the equations are smooth, so DOP853 solves them to the requested tolerance.
 
 This module shares only `ArmParameters` and `Payload` with `dynamics`, `friction` and `integrator`: its right-hand
 side is written independently, and its steps never cross a sign change of a velocity. It measures the errors of

@@ -77,7 +77,7 @@ def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
 
 @functools.lru_cache(maxsize=64)
 def _papers(robot: Robot, name: str) -> TipReference | None:
-    """Return the paper's motion for a robot with the joint frames of `Robot.of`; None if the robot cannot follow it."""
+    """Return the paper's motion along a named path; None if a robot's frames differ from `Robot.of`'s or it cannot."""
     if len(robot) != len(ArmParameters().length):
         return None
     lengths = float(np.linalg.norm(robot.arrays.position[1])), float(np.linalg.norm(robot.arrays.tip))

@@ -217,7 +217,7 @@ class TipReference(PathReference):
 
     @property
     def _or_free(self) -> str:
-        """The end of an error message: the advice to leave the orientation free; empty if it is not kept."""
+        """The end of an error message: the advice to leave the orientation free; empty if it is free."""
         return ", or leave the orientation free (orientation='free')" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
