@@ -56,7 +56,7 @@ def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
     if path.suffix != suffix or path.is_dir():
         raise UsageError(f"{option} {path} must be a file ending in {suffix}")
     if not path.parent.is_dir():
-        raise UsageError(f"{option} {path}: the folder {path.parent} does not exist")
+        raise UsageError(f"{option} {path}: the folder {path.parent} does not exist; create it first")
     check_writable(path.parent)
 
 

@@ -136,9 +136,9 @@ def keep(record: object, name: str, value: Any) -> None:
 def path_of(name: str, value: Any) -> Path:
     """Return the name of a file or folder as a path; TypeError for other types, ValueError for an impossible name."""
     if not isinstance(value, str | os.PathLike):
-        raise TypeError(f"{name} = {shown(value)} must be a path")
+        raise TypeError(f"{name} = {shown(value)} must be a path, as a string or pathlib.Path")
     if not str(value) or "\0" in str(value):
-        raise ValueError(f"{name} = {shown(str(value))} cannot be a file name: it is empty or contains a NUL")
+        raise ValueError(f"{name} = {shown(str(value))} cannot be a file name: it is empty or contains a NUL character")
     return Path(value)
 
 

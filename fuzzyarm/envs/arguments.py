@@ -128,7 +128,7 @@ def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
     if isinstance(value, str) or not isinstance(value, Sequence):
         return [value]
     if len(value) != lanes:
-        raise ValueError(f"{name} has {len(value)} entries for {lanes} lanes; give one, or one per lane")
+        raise ValueError(f"{name} has {len(value)} entries for {lanes} environments; give one, or one for each")
     return list(value)
 
 
@@ -144,7 +144,7 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
         try:
             made.append(make(*row))
         except (TypeError, ValueError) as error:
-            raise type(error)(f"lane {lane}: {error}" if count > 1 else str(error)) from None
+            raise type(error)(f"environment {lane}: {error}" if count > 1 else str(error)) from None
     return made
 
 
@@ -174,7 +174,7 @@ def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
         return None
     if isinstance(given, Sequence | np.ndarray):
         if len(given) != lanes:
-            raise ValueError(f"{len(given)} seeds were given for {lanes} lanes; give one, or one per lane")
+            raise ValueError(f"{len(given)} seeds were given for {lanes} environments; give one, or one for each")
         return each_lane(_seed, list(given))
     first = _seed(given)
     return [first + lane for lane in range(lanes)]

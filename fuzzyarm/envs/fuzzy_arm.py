@@ -291,7 +291,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if not all(map(isfinite, torque)):
             self._lanes.clock[CLOCK.row] -= 1
             limit = self._lanes.torque_limit(0)
-            raise ValueError(f"action = {torque} N m is not finite; finite torques are clipped to ±{limit} N m")
+            raise ValueError(f"action = {torque} N m is not finite; give finite torques (clipped to ±{limit} N m)")
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""

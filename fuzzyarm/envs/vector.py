@@ -41,11 +41,11 @@ def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
     """Return the indices (n,) of the lanes that a mask (lanes,) of booleans selects, in ascending order."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
-        raise TypeError(f"{name} is {kind}; it must be a NumPy array of {lanes} booleans, True for each lane to reset")
+        raise TypeError(f"{name} is {kind}; needed: a NumPy array of {lanes} booleans, True for environments to reset")
     if mask.shape != (lanes,):
-        raise ValueError(f"{name} has shape {mask.shape}; needed: {(lanes,)}, one boolean per lane")
+        raise ValueError(f"{name} has shape {mask.shape}; needed: {(lanes,)}, one boolean per environment")
     if not mask.any():
-        raise ValueError(f"{name} selects no lane; at least one entry must be True")
+        raise ValueError(f"{name} selects no environment; at least one entry must be True")
     return np.flatnonzero(mask)
 
 
@@ -221,7 +221,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if RESET_MASK in options:
             which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
         if which is not None and not begun and len(which) < self.num_envs:
-            raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before you use a reset_mask")
+            raise ResetNeeded("no episode has begun: call envs.reset() without a reset_mask first")
         arguments.check_options(options)
         given = options.pop("initial_state", None)
         initial = None if given is None else arguments.initial_states(given, self._plants, self.num_envs)
@@ -302,8 +302,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
             raise ValueError(
-                "some lanes in this state are waiting for a reset; make the environment with the autoreset_mode "
-                "with which the state was saved"
+                "some environments in this state wait for a reset, and this autoreset_mode resets at once; use the "
+                "autoreset_mode with which the state was saved"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
         self.lanes.set_state(state, over)
@@ -340,7 +340,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._mode is AutoresetMode.DISABLED:
             lanes = ", ".join(map(str, over[:8])) + (", ..." if len(over) > 8 else "")
             raise ResetNeeded(
-                f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
+                f"the episode is over in environments {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
                 "truncated}) before envs.step()"
             )
         observation, vectors, scalars = self.lanes.step_or_restart(torque, over)

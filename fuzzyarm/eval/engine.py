@@ -106,10 +106,10 @@ class Engine:
                             del missing[number]
                 except lost:
                     losses += 1
-                    left = f"{len(missing)} chunks"
+                    left = f"unfinished: {len(missing)} of {len(numbers)} parts of the work"
                     if losses == _TRIES:
-                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left} are unfinished") from None
-                    report(f"a worker died; the {left} that are unfinished will be run again")
+                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left}") from None
+                    report(f"a worker died, and its work will be run again; {left}")
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:

@@ -82,7 +82,7 @@ BAD = {
     "no Unicode": (lambda: archive(header((), "<U1") + b"\x00\xd8\x00\x00"), "not valid Unicode"),
     "neither true nor false": (lambda: archive(header((), "|b1") + b"\x07"), "an invalid boolean"),
     "objects": (lambda: archive(header((), "|O") + b"\x07"), "has the type object; save arrays of numbers"),
-    "no archive": (lambda: bytes(100), "does not end as a zip archive must"),
+    "no archive": (lambda: bytes(100), "does not end with the end record of a zip"),
     "nothing": (lambda: b"", "too short"),
     "a bomb": (lambda: archive(bytes(10**9), compression=zipfile.ZIP_DEFLATED), "arrays unpack to 1000000000"),
     "a bomb that lies": (lying_size, "damaged"),

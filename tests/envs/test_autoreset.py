@@ -90,7 +90,7 @@ def test_disabled_refuses_to_step_a_lane_that_is_over_and_names_it():
         ended = results[2] | results[3]
         if ended.any():
             break
-    with pytest.raises(ResetNeeded, match=r"over in lanes 0, 1, 2, 3: call envs\.reset\(options=\{'reset_mask'"):
+    with pytest.raises(ResetNeeded, match=r"over in environments 0, 1, 2, 3: call envs\.reset\(options=\{'reset_mask'"):
         envs.step(np.zeros((LANES, 2)))
     envs.reset(options={"reset_mask": ended})
     envs.step(np.zeros((LANES, 2)))
@@ -105,7 +105,7 @@ def test_next_step_ignores_whatever_the_action_of_an_ended_lane_is_and_refuses_o
     twin = copy.deepcopy(envs)
     ignored, refused = np.zeros((LANES, 2)), np.zeros((LANES, 2))
     ignored[0], refused[1] = np.nan, np.inf
-    with pytest.raises(ValueError, match=r"lane 1: action = .* is not finite"):
+    with pytest.raises(ValueError, match=r"environment 1: action = .* is not finite"):
         envs.step(refused)
     results = envs.step(ignored)
     assert_identical(results, twin.step(np.zeros((LANES, 2))))
@@ -114,7 +114,7 @@ def test_next_step_ignores_whatever_the_action_of_an_ended_lane_is_and_refuses_o
 
 def test_a_mask_before_the_first_reset_is_refused_unless_it_names_all():
     envs = batch("Disabled")
-    with pytest.raises(ResetNeeded, match="for all lanes before you use a reset_mask"):
+    with pytest.raises(ResetNeeded, match="without a reset_mask first"):
         envs.reset(options={"reset_mask": np.arange(LANES) == 1})
     everywhere = {"reset_mask": np.ones(LANES, dtype=bool)}
     assert identical(envs.reset(seed=1, options=everywhere)[0], batch("Disabled").reset(seed=1)[0])
@@ -132,7 +132,7 @@ def test_states_and_copies_remember_which_lanes_wait(mode):
 
     def goes_on(made):
         if mode == "Disabled":
-            with pytest.raises(ResetNeeded, match="lanes 0, 3"):
+            with pytest.raises(ResetNeeded, match="environments 0, 3"):
                 made.step(np.zeros((LANES, 2)))
             return made.reset(options={"reset_mask": np.array([True, False, False, True])}), made.step(torques(0, 1)[0])
         return made.step(torques(0, 1)[0]), made.step(torques(0, 1)[0])
@@ -141,7 +141,7 @@ def test_states_and_copies_remember_which_lanes_wait(mode):
     assert all(identical(goes_on(twin), expected) for twin in twins)
     same = batch("SameStep", reference=[SHORT, LONGER, LONGER, SHORT], disturbance=NOISY)
     with pytest.raises(
-        ValueError, match="waiting for a reset; make the environment with the autoreset_mode with which the state"
+        ValueError, match="wait for a reset, and this autoreset_mode resets at once; use the autoreset_mode with which"
     ):
         same.set_state(state)
 

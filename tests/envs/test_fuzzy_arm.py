@@ -235,7 +235,7 @@ BAD_ACTIONS = [
     ([[1.0, 2.0]], r"action has shape \(1, 2\); it must be \(2,\)"),
     (
         [1.0, np.nan],
-        r"action = \[1\.0, nan\] N m is not finite; finite torques are clipped to ±\[500\.0, 250\.0\]",
+        r"action = \[1\.0, nan\] N m is not finite; give finite torques \(clipped to ±\[500\.0, 250\.0\]",
     ),
 ]
 
@@ -320,9 +320,9 @@ BAD_ARGUMENTS = [
     ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
     (
         {"parameters": SLOW, "reference": JointReference()},
-        r"the velocity of the reference reaches .*allows \(0\.3, 15\.0\) rad/s",
+        r"the joint velocity of the reference reaches .*allows \(0\.3, 15\.0\) rad/s",
     ),
-    ({"reference": QUICK}, r"the acceleration of the reference reaches .*rad/s².*10000.*raise the duration"),
+    ({"reference": QUICK}, r"the joint acceleration of the reference reaches .*rad/s².*10000.*raise the duration"),
 ]
 
 

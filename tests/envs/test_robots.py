@@ -146,14 +146,14 @@ def elsewhere(robot):
 PLANAR = robot_named("planar-3r")
 REFUSED = [
     ({"robot": "ur55"}, ValueError, "unknown robot 'ur55'; choose from: .*planar-3r.*toml"),
-    ({"robot": 7}, TypeError, "robot is int; it must be a name"),
+    ({"robot": 7}, TypeError, "robot is of type int; give a name"),
     ({"robot": "ur5", "parameters": ArmParameters()}, ValueError, "give either robot"),
     ({"robot": "missing.toml"}, OSError, "missing.toml"),
     ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, but the plant has 3"),
     (
         {"robot": elsewhere(PLANAR), "reference": short(PLANAR)},
         ValueError,
-        "but the joint frames or the tip of the plant",
+        "has other joint frames or another tip",
     ),
 ]
 

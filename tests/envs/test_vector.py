@@ -236,12 +236,18 @@ BAD_ARGUMENTS = [
         {"render_mode": "rgb_array"},
         r"render_mode = 'rgb_array': a vector environment cannot render; use gymnasium\.make",
     ),
-    ({"case": ["nominal", "nominal", "drilling"]}, "^lane 2: unknown case 'drilling'; choose from: nominal, mach"),
-    ({"case": ["nominal", "payload"]}, "case has 2 entries for 3 lanes; give one, or one per lane"),
-    ({"disturbance": [NOISY, NOISY, 3]}, "^lane 2: disturbance = 3 must be a .*Disturbance"),
-    ({"case": ["nominal", "payload", "nominal"], "disturbance": NOISY}, "^lane 1: give either case = 'payload' or a"),
-    ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*[.]Ref"),
-    ({"parameters": [TABLE_1, None, TABLE_1]}, "^lane 1: parameters = None must be a .*ArmParameters"),
+    (
+        {"case": ["nominal", "nominal", "drilling"]},
+        "^environment 2: unknown case 'drilling'; choose from: nominal, mach",
+    ),
+    ({"case": ["nominal", "payload"]}, "case has 2 entries for 3 environments; give one, or one for each"),
+    ({"disturbance": [NOISY, NOISY, 3]}, "^environment 2: disturbance = 3 must be a .*Disturbance"),
+    (
+        {"case": ["nominal", "payload", "nominal"], "disturbance": NOISY},
+        "^environment 1: give either case = 'payload' or a",
+    ),
+    ({"reference": [SHORT, Circle(), SHORT]}, "^environment 1: reference = Circle.* must be a .*[.]Ref"),
+    ({"parameters": [TABLE_1, None, TABLE_1]}, "^environment 1: parameters = None must be a .*ArmParameters"),
 ]
 
 
@@ -252,21 +258,27 @@ def test_a_bad_argument_is_named_with_its_lane_and_what_is_allowed(arguments, me
 
 
 BAD_OPTIONS = [
-    ({"reset_mask": None}, "reset_mask is NoneType; it must be a NumPy array of 3 booleans"),
-    ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a NumPy"),
+    ({"reset_mask": None}, "reset_mask is NoneType; needed: a NumPy array of 3 booleans"),
+    ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; needed: a NumPy"),
     ({"reset_mask": np.ones(2, dtype=bool)}, r"reset_mask has shape \(2,\); needed: \(3,\)"),
-    ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask selects no lane; at least one"),
-    ({"case": ["nominal", "drilling", "nominal"]}, "^lane 1: unknown case 'drilling'; choose from: nominal, mach"),
-    ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),
-    ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*[.]Reference"),
+    ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask selects no environment; at least one"),
+    (
+        {"case": ["nominal", "drilling", "nominal"]},
+        "^environment 1: unknown case 'drilling'; choose from: nominal, mach",
+    ),
+    ({"case": ["nominal"] * 4}, "case has 4 entries for 3 environments; give one, or one for each"),
+    ({"reference": [SHORT, SHORT, None]}, "^environment 2: reference = None must be a .*[.]Reference"),
     ({"initial_state": np.tile(STILL, (2, 1))}, r"initial_state has shape \(2, 8\); allowed: \(8,\) or \(3, 8\)"),
-    ({"initial_state": [STILL, STILL, 9.0 * STILL]}, r"^lane 2: initial_state = \[4\.5, .*8 finite.*3\.14.*15\.0"),
+    (
+        {"initial_state": [STILL, STILL, 9.0 * STILL]},
+        r"^environment 2: initial_state = \[4\.5, .*8 finite.*3\.14.*15\.0",
+    ),
 ]
 BAD_RESETS = [
     *(({"options": options}, message) for options, message in BAD_OPTIONS),
     ({"seed": True}, "seed = True must be a whole number"),
-    ({"seed": range(4)}, "4 seeds were given for 3 lanes; give one, or one per lane"),
-    ({"seed": [1, 2, -3]}, r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
+    ({"seed": range(4)}, "4 seeds were given for 3 environments; give one, or one for each"),
+    ({"seed": [1, 2, -3]}, r"environment 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
 ]
 
 
@@ -295,8 +307,8 @@ def test_a_bad_action_is_named_with_its_lane_and_moves_none(lanes, bad, threads,
     good = torques(0, 3, lanes)
     wrong = good[0].copy()
     wrong[bad:, 1] = value
-    given = rf"lane {bad}: action = \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m is not finite"
-    with pytest.raises(ValueError, match=given + r"; finite torques are clipped to ±\[500\.0, 250\.0\] N m"):
+    given = rf"environment {bad}: action = \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m is not finite"
+    with pytest.raises(ValueError, match=given + r"; give finite torques \(clipped to ±\[500\.0, 250\.0\] N m"):
         envs.step(wrong)
     for shaped in (np.zeros(2), np.zeros((lanes + 1, 2)), None):
         with pytest.raises(ValueError, match=rf"actions have shape .*; needed: \({lanes}, 2\), motor torques \[N m\]"):

@@ -104,7 +104,7 @@ def test_starts_ranges_and_samples_are_those_of_the_claim(files):
             "an automaton cannot model friction that varies arbitrarily",
         ),
         (["automaton", "shield:fuzzy-4-tip:any:4,2"], "stands for a shield with any policy inside"),
-        (["c", "fuzzy-4", "--set", "near"], "--set and --start are for automaton, not for c"),
+        (["c", "fuzzy-4", "--set", "near"], "--set and --start are for the format automaton, not for c"),
         (["spaceex", "fuzzy-4"], "choose from: c, fmu, onnx, automaton"),
     ],
 )

@@ -263,7 +263,7 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
         (["no.csv"], "no.csv: No such file or directory"),
         (
             ["no.csv", "--columns", "q1"],
-            "--columns q1 must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with each KEY only once",
+            "--columns q1 must have the form KEY=VALUE,KEY=VALUE,..., with each KEY only once",
         ),
     ],
 )

@@ -38,7 +38,7 @@ class Options:
 
         config = chosen(self, BenchConfig())
         if config.lanes_sweep and self.out is None:
-            raise UsageError("--lanes-sweep draws throughput.png: choose its folder with --out DIR")
+            raise UsageError("--lanes-sweep needs --out DIR, the folder for its figure throughput.png")
         with contextlib.nullcontext() if self.out is None else claimed_folder(self.out):
             # The bar is drawn between the turns: nothing else may run while a turn is timed.
             with progress("", config.turns(), between_steps=True) as advance:

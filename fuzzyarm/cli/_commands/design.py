@@ -81,7 +81,7 @@ class Options:
         arm, ends = chosen_arm(self.robot, None), corners_of(self.robot)
         scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
         if isinstance(arm, Robot) and not scheduled:
-            raise UsageError(f"--theorem {self.theorem} is for two-joint arms; give --theorem semidefinite")
+            raise UsageError(f"--theorem {self.theorem} needs an arm without joint frames; give --theorem semidefinite")
         output_file(self.out, ".json")
         if self.rules is not None and self.keep is not None:
             raise UsageError(f"--rules {self.rules} and --keep {self.keep} both choose the premises; leave out one")

@@ -101,7 +101,7 @@ class Options:
             )
         for run in evaluation.rollouts:
             if not run.completed:
-                say(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", error=True)
+                say(f"{run.policy} in case {run.case} ended early, at {run.time[-1]:.3f} s: {run.reason}", error=True)
             if run.note:  # its estimate is wrong
                 say(f"{run.policy} in case {run.case}, seed {run.seed}: {run.note}", error=True)
         for line in evaluation.remarks:
@@ -151,7 +151,7 @@ def _repeat(options: Options, recorded: Path) -> int:
     for field in fields(options):
         if field.name not in ("check", "policies") and getattr(options, field.name) != field.default:
             option = option_name(field.name)
-            raise UsageError(f"--check FILE repeats the evaluation in FILE and writes nothing: leave out --{option}")
+            raise UsageError(f"--check FILE repeats an evaluation as it was and writes nothing: leave out --{option}")
     results = read_results(recorded)
     with progress("episodes", len(results.rows)) as advance:
         found = recheck_results(results, options.policies or (), advance)

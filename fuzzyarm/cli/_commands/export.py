@@ -58,9 +58,9 @@ class Options:
         if self.what not in ("c", "fmu", "onnx", "automaton"):
             raise UsageError(f"{self.what} is not an export format; choose from: c, fmu, onnx, automaton")
         if self.what != "automaton" and (self.set or self.start):
-            raise UsageError(f"--set and --start are for automaton, not for {self.what}; leave them out")
+            raise UsageError(f"--set and --start are for the format automaton, not for {self.what}; leave them out")
         if self.what != "c" and self.number != "double":
-            raise UsageError(f"--number {self.number} is for C source only; {self.what} always uses double")
+            raise UsageError(f"--number {self.number} is for C source only, and {self.what} uses double; leave it out")
         fmu, label = self.what == "fmu", self.policy
         if fmu and label == PLANT:
             arm = chosen_arm(self.robot, None)
@@ -91,7 +91,7 @@ def _problem(options: Options) -> Any:
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
     if not isinstance(arm, ArmParameters | None):
-        raise UsageError(f"--robot {options.robot} has {len(arm)} joints; only two-joint arms are exported as automata")
+        raise UsageError(f"--robot {options.robot} has joint frames; the format automaton needs an arm without them")
     start = None if options.start is None else StartBox.of(options.start)
     claim = TipClaim(options.policy, plants=find_set(options.set or "near"), start=start, arm=arm)
     return problem_of(claim)

@@ -87,8 +87,8 @@ class Options:
             return _identify(self, arm)
         if not isinstance(arm, ArmParameters):
             raise UsageError(
-                f"--robot {self.robot} is described by joint frames; --suggest supports only two-joint arms "
-                "described by link lengths, as in fuzzyarm.envs.physics.parameters.ArmParameters"
+                f"--robot {self.robot} is described by joint frames; --suggest supports only the two-joint arm "
+                "of Table 1 and TOML files with the fields of that arm, such as length and mass"
             )
         return _suggest(self, arm)
 
@@ -108,7 +108,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
         largest = {name: part.tolist() for name, part in use.items()}
         say_json({"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits})
         return 0
-    say(f"the motion takes {motion.duration:g} s, from rest to rest; its condition number is {condition:.3g}")
+    say(f"motion of {motion.duration:g} s, from rest to rest; condition number of its regressor: {condition:.3g}")
     for (name, (first, second)), unit in zip(use.items(), ("rad", "rad/s", "N m"), strict=True):
         limit = limits[name]
         say(f"largest {name}: {first:.3g} and {second:.3g} {unit}; limits: {limit[0]:g} and {limit[1]:g} {unit}")
@@ -121,7 +121,7 @@ def _pairs(option: str, text: str | None) -> dict[str, str]:
     pairs = [pair.partition("=") for pair in text.split(",")] if text is not None else []
     found = {key.strip(): value.strip() for key, _, value in pairs}
     if len(found) < len(pairs) or not all(key and value for key, value in found.items()):
-        raise UsageError(f"{option} {text} must be pairs KEY=VALUE, such as q1=NAME,q2=NAME, with each KEY only once")
+        raise UsageError(f"{option} {text} must have the form KEY=VALUE,KEY=VALUE,..., with each KEY only once")
     return found
 
 
@@ -154,8 +154,8 @@ def _identify(options: Options, start: AnyArm) -> int:
     joints, needed = logs[0].angle.shape[1], len(robot_of(start))
     if joints != needed:
         raise ValueError(
-            f"{options.log[0]} has {joints} joints, but the arm of --robot has {needed}. Choose joints with --columns "
-            "q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or give another arm"
+            f"{options.log[0]} has {joints} joints, but the initial arm has {needed}. Choose joints with --columns "
+            "q1=NAME,q2=NAME,tau1=NAME,tau2=NAME, or another initial arm with --robot"
         )
     if isinstance(start, ArmParameters):
         from fuzzyarm.identification.conventions import diagnosed
@@ -171,7 +171,7 @@ def _identify(options: Options, start: AnyArm) -> int:
         if options.apply:
             logs = [doubt.reading.applied(log) for log in logs]
     elif options.apply or options.stribeck:
-        raise UsageError("--apply and --stribeck are for two-joint arms only; leave them out for other robots")
+        raise UsageError("--apply and --stribeck do not support robots with joint frames; leave them out")
     try:
         with progress("steps", None) as advance:
             found = identify(logs, start, advance, stribeck=options.stribeck)

@@ -51,8 +51,8 @@ class Options:
     """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; with --cells, the file of
     each cell is written beside it"""
     cells: Annotated[list[tuple[str, int]] | None, Parameter(metavar="FIELD N", negative="")] = None
-    """Divide the range of a field of the set into N parts: for each joint where the field has a range for each, or for
-    one joint (mass-2). May be repeated. Each cell has its own tube; a cell without one is halved (default: one tube)"""
+    """Divide the range of a field of the set into N parts; if each joint has a range, all (mass) or one (mass-2).
+    May be repeated. Each cell has its own tube, and a cell without a tube is halved (default: one tube)"""
     jobs: int = 1
     """Number of processes that work on the cells"""
     json: bool = False
@@ -124,7 +124,7 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     problem, found = problem_of(claim), []
     arm, joints = problem.parameters, problem.plant.physics.joints
     if joints != JOINTS and any(name.partition("-")[0] in BY_JOINT for name, _ in divisions):
-        raise UsageError(f"for a robot with {joints} joints, --cells must be payload or force, not a joint's factor")
+        raise UsageError(f"--cells must be payload or force for a robot with {joints} joints; leave out the others")
     with progress("cells", sum(1 for _ in cells(claim.plants, divisions))) as advance:
         for parts in bounds_of_cells(claim, divisions, jobs, options.out):
             found += parts

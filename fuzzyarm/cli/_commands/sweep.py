@@ -54,10 +54,10 @@ class Options:
         if self.replay is not None:
             policy, case, plant = self.replay
             rollout, folder = Sweep.resume(self.out, values).replay_plant(policy, case, plant)
-            end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
+            end = "completed" if rollout.completed else f"ended early, at {rollout.time[-1]:.3f} s: {rollout.reason}"
             largest = 1e3 * rollout.tip_error.max()
-            say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-            say(f"signals and figures in {folder}")
+            say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}; tip error up to {largest:.6g} mm")
+            say(f"signals and figures written to {folder}")
             return 0
         config = None if self.resume else SweepConfig.of(values)
         with claimed_folder(self.out, make=not self.resume):

@@ -39,8 +39,8 @@ class Options:
 
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder of the run, created if needed. If a run was stopped, the same command continues it, with the same result
-    bit for bit; with a larger --total-timesteps it continues beyond the end, with the learning rate on its line to the
-    new total"""
+    bit for bit; with a larger --total-timesteps it continues beyond the end, with a learning rate that falls linearly
+    until the new end"""
     preset: Annotated[str | None, Parameter(metavar="NAME")] = None
     """Settings that apply unless the other options change them"""
 
@@ -79,7 +79,7 @@ class _EstimateOptions:
         config, arm = chosen(self, EstimateConfig()), chosen_arm(self.robot, None)
         folder = self.out / LAST
         if folder.exists():
-            raise UsageError(f"{folder} already contains a policy; choose another folder")
+            raise UsageError(f"{folder} already exists; choose another folder with --out DIR")
         with claimed_folder(self.out):
             with progress("compiling and loading", config.chunks, first=1.0) as advance:
                 with _training_libraries():

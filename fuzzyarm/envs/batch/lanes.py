@@ -194,7 +194,7 @@ class Lanes:
             bad = int(np.argmin(np.isfinite(action).all(axis=1)))
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(
-                f"lane {bad}: action = {found} N m is not finite; finite torques are clipped to ±{limit} N m"
+                f"environment {bad}: action = {found} N m is not finite; give finite torques (clipped to ±{limit} N m)"
             )
         room = self._memory.room()
         self._workers.run(self._step_in(room, action))
@@ -247,8 +247,8 @@ class Lanes:
         visiting = self._assigned.visiting()
         if len(visiting):
             raise ValueError(
-                f"lane {visiting[0]} is in a scenario that was chosen by reset options, and a state does not contain "
-                "scenarios; reset the lane without options before get_state"
+                f"environment {visiting[0]} runs a scenario from reset options, and a state does not contain "
+                "scenarios; reset this environment without options before get_state"
             )
         return {
             "values": by_rows(self.values, self.count),
@@ -268,8 +268,8 @@ class Lanes:
         made_of = checks.instance("state", state, dict).get("made_of")
         if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
             raise ValueError(
-                "the state belongs to lanes with different plants, scenarios, randomisation or periods, or to a "
-                "different number of lanes; make the environment with the same arguments"
+                "the state belongs to environments with other plants, scenarios, randomisation or periods, or to "
+                "another number of environments; make them with the arguments with which the state was saved"
             )
         arrays = checked_arrays(state, own)
         self._check_contents(arrays, over)
@@ -296,9 +296,9 @@ class Lanes:
             lane = int(np.argmax(wrong))
             begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
             raise ValueError(
-                f"state['clock'] is impossible: lane {lane} is at row {row[lane]} of the time table, in an episode "
-                f"from row {first[lane]} to row {last[lane]}; allowed: row {begins} to {latest[lane]}, in an episode "
-                f"from row {begins} to row {ends}. Pass a state from get_state unchanged"
+                f"state['clock'] is impossible: environment {lane} is at row {row[lane]} of the time table, in an "
+                f"episode from row {first[lane]} to row {last[lane]}; allowed: row {begins} to {latest[lane]}, in an "
+                f"episode from row {begins} to row {ends}. Pass a state from get_state unchanged"
             )
         if not np.array_equal(arrays["drawn"], drawn):
             raise ValueError(

@@ -122,7 +122,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
     if force.shape != (len(times), axes):
         # Compiled code does not check bounds.
         raise ValueError(
-            f"tip_force.at returned shape {force.shape} for {len(times)} times; needed: ({len(times)}, {axes})"
+            f"tip_force.at returned an array of shape {force.shape}; needed: ({len(times)}, {axes}), one force per time"
         )
     force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
     samples, lever = np.reshape(force, (len(starts), _FORCE_SAMPLES, axes)), shares - 0.5

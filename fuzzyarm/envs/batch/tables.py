@@ -192,7 +192,7 @@ def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: f
 def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:
     """Return the distinct items, by identity, and each lane's item number (count,); a single item serves all lanes."""
     if len(items) not in (1, count):
-        raise ValueError(f"{len(items)} entries were given for {count} lanes; give one, or one per lane")
+        raise ValueError(f"{len(items)} entries were given for {count} environments; give one, or one for each")
     if len(items) == 1:
         return list(items), np.broadcast_to(np.int32(0), count)
     keys = [tuple(map(id, item)) if isinstance(item, tuple) else id(item) for item in items]
@@ -218,8 +218,8 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
             )
     elif made_for != arm and not _same_frames(robot_of(made_for), robot_of(arm)):
         raise ValueError(
-            f"the reference was made for {robot_of(made_for).name}, but the joint frames or the tip of the plant "
-            f"{robot_of(arm).name} differ: build the reference with the plant's `robot`"
+            f"the reference was made for {robot_of(made_for).name}, but the plant {robot_of(arm).name} has other joint "
+            "frames or another tip: build the reference with the plant's `robot`"
         )
     motion = reference.sample(np.linspace(0.0, reference.duration, _CHECKED_INSTANTS))
     fastest = np.full_like(bounds.low, MAX_ACCELERATION)
@@ -234,8 +234,8 @@ def _check_reference(reference: Reference, arm: AnyArm) -> None:
             found = peak if symmetric else f"{lowest} to {values.max(axis=0).tolist()}"
             allowed = tuple(high.tolist()) if symmetric else f"{low.tolist()} to {high.tolist()}"
             raise ValueError(
-                f"the {name} of the reference reaches {found} {unit}; this plant allows {allowed} {unit}: raise the "
-                "duration of the reference or move its path"
+                f"the joint {name} of the reference reaches {found} {unit}; this plant allows {allowed} {unit}: raise "
+                "the duration of the reference or move its path"
             )
 
 

@@ -79,7 +79,7 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
         return robot
     if not isinstance(robot, str | os.PathLike):
         raise TypeError(
-            f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, a Robot or ArmParameters"
+            f"robot is of type {type(robot).__name__}; give a name, the path of a TOML file, a Robot or ArmParameters"
         )
     return _named(os.fspath(robot))
 
@@ -130,7 +130,7 @@ def common_equations(arms: Sequence[AnyArm]) -> Physics:
     """Return the equations of motion that these arms share; ValueError if their equations differ."""
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
-        same = "equal joint axes and rotations, and the same other parameters equal to zero"
+        same = "equal joint axes and rotations, and zeros in the same other parameters"
         raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each structure")
     return first
 

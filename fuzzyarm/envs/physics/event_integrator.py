@@ -75,7 +75,7 @@ def integrate(
         if events > _MAX_EVENTS:
             raise RuntimeError(
                 f"the motors stopped or broke loose more than {_MAX_EVENTS} times before t = {time!r} s, in state "
-                f"{y.tolist()}. Give a shorter duration or a smoother torque"
+                f"{y.tolist()}. Choose an earlier `stop` or a smoother `force`"
             )
         solution = solve_ivp(
             functools.partial(plant.derivative, tuple(modes)),

@@ -62,7 +62,7 @@ class Ranges:
         for name, ranges in given.items():
             values = arm.drive(name).tolist()
             if len(ranges) != len(values):
-                raise ValueError(f"ranges: {name} has {len(ranges)} ranges; the arm has {len(values)} joints")
+                raise ValueError(f"ranges: {name} needs one range for each of {len(values)} joints, not {len(ranges)}")
             for joint, ((low, high), value) in enumerate(zip(ranges, values, strict=True)):
                 checks.real(f"ranges: {name}[{joint}] of the arm", value, _UNITS[name], low=low, high=high)
         found = {}
@@ -75,7 +75,7 @@ class Ranges:
             try:
                 found[words] = arm.with_drives(**drives)
             except ValueError as error:
-                raise ValueError(f"ranges: an arm with {words} is impossible: {error}") from None
+                raise ValueError(f"ranges: the arm at these ends is impossible ({words}): {error}") from None
         return found
 
     def to_toml(self) -> str:

@@ -91,8 +91,8 @@ def find_case(name: str) -> Case:
     """Return the case called `name`; ValueError names the choices."""
     if not isinstance(name, str) or name not in CASES:
         raise ValueError(
-            f"unknown case {shown(name)}; choose from: {', '.join(CASES)}, or add a case with add_case, in each "
-            "process that uses it"
+            f"unknown case {shown(name)}; choose from: {', '.join(CASES)}; to add a case in Python, "
+            "call fuzzyarm.envs.scenario.cases.add_case in each process that uses it"
         )
     return CASES[name]
 

@@ -153,7 +153,7 @@ def _shortest(slow: Reference, robot: Robot) -> float:
         joint = robot.joints[int(np.argmax(held))].name
         raise ValueError(
             f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} to hold its weight; "
-            f"allowed: {100.0 * _SHARE:g} %. Raise torque_limit, or give a `reference`"
+            f"allowed: at most {100.0 * _SHARE:g} %. Raise torque_limit, or give a `reference`"
         )
     for number in range(round(_SHORTEST / _STEP), round(LONGEST / _STEP) + 1):
         duration = number * _STEP

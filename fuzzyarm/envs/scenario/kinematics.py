@@ -212,7 +212,7 @@ def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return A⁻¹ b (..., n) for matrices A (..., n, n) and b (..., n); numpy.linalg.LinAlgError if A is singular."""
     found = linear.solved(matrix, right[..., np.newaxis])[..., 0]
     if not np.isfinite(found).all():
-        raise np.linalg.LinAlgError("a matrix is singular")
+        raise np.linalg.LinAlgError("a posture of the arm is singular: its Jacobian has no inverse; move the path")
     return found
 
 

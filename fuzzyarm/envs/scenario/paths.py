@@ -186,13 +186,13 @@ class Spline:
             given = list(itertools.islice(self.waypoints, MOST_WAYPOINTS + 1))
         except TypeError:
             raise ValueError(
-                f"waypoints = {checks.shown(self.waypoints)} must be a sequence of points (x, y) [m]"
+                f"waypoints = {checks.shown(self.waypoints)} must be a sequence of points (x, y) or (x, y, z) [m]"
             ) from None
         size = len(any_point("waypoints[0]", given[0])) if given else None
         points = tuple(any_point(f"waypoints[{k}]", point, size) for k, point in enumerate(given))
         if not 2 <= len(points) <= MOST_WAYPOINTS:
-            found = f"{len(points)} point(s)" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
-            raise ValueError(f"waypoints has {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
+            found = "fewer than 2 points" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
+            raise ValueError(f"waypoints has {found}; allowed: 2 to {MOST_WAYPOINTS} distinct points")
         checks.keep(self, "waypoints", points)
         checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1

@@ -294,7 +294,7 @@ class SplineReference(Reference):
         if not isinstance(self.waypoints, Sequence | np.ndarray) or isinstance(self.waypoints, str):
             raise TypeError(f"waypoints = {checks.shown(self.waypoints)} must be a sequence of postures [rad]")
         if not 2 <= len(self.waypoints) <= MOST_WAYPOINTS:
-            raise ValueError(f"waypoints has {len(self.waypoints)} postures; allowed: 2 to {MOST_WAYPOINTS}")
+            raise ValueError(f"the number of waypoints is {len(self.waypoints)}; allowed: 2 to {MOST_WAYPOINTS}")
         postures = tuple(_checked_angles(f"waypoints[{k}]", q, self.robot) for k, q in enumerate(self.waypoints))
         checks.keep(self, "waypoints", postures)
         for k, turn in enumerate(np.linalg.norm(np.diff(postures, axis=0), axis=1)):

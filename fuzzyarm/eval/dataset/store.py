@@ -198,7 +198,7 @@ def open_dataset(folder: str | Path) -> Any:
     try:
         schema = instance("metadata", parse_json(found), dict).get("schema")
     except (AttributeError, TypeError, ValueError):
-        raise DocumentError(f"{path} does not state its origin; write the data set again") from None
+        raise DocumentError(f"{path} does not state how it was made; write the data set again") from None
     if schema != _SCHEMA:
         raise DocumentError(
             f"{path} has the format {shown(schema)}; this package reads {_SCHEMA}. Write the data set again"

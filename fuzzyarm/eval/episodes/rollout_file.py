@@ -65,11 +65,11 @@ def read_rollouts(path: Path) -> list[Rollout]:
     missing = [name for name in _FIELDS if f"0.{name}" not in arrays]
     if arrays and missing:
         raise ValueError(
-            f"{path} is damaged, or was written by another version of fuzzyarm (its rollouts have no {missing[0]})"
+            f"{path} is damaged, or was written by another version of fuzzyarm (its rollouts lack {missing[0]!r})"
         )
     count = len(arrays) // len(_FIELDS)
     if set(arrays) != {f"{k}.{name}" for k in range(count) for name in _FIELDS}:
-        raise ValueError(f"{path} is damaged (the names of its arrays are not those of {count} rollouts)")
+        raise ValueError(f"{path} is damaged (the names of its arrays are not those of complete rollouts)")
     try:
         return [_rollout({name: arrays[f"{k}.{name}"] for name in _FIELDS}) for k in range(count)]
     except ValueError as error:
@@ -102,6 +102,6 @@ def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {needed} of shape {shape}")
         unknown = np.isnan(array) if name == "beliefs" else False
         if kind == "f" and name != "step_time" and not (unknown | (np.abs(array) <= _LARGEST)).all():
-            raise ValueError(f"{name} must be finite and within ± {_LARGEST:g}")
+            raise ValueError(f"{name} contains a number that is not finite, or not within ±{_LARGEST:g}")
         values[name] = array.item() if name in _SINGLE else tuple(array.tolist()) if kind == "U" else array
     return Rollout(**values)

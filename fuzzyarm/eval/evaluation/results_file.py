@@ -133,7 +133,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
         raise KeyError("fuzzyarm")
     needed = len(labels) * len(config.cases) * config.seeds
     if len(rows) != needed:
-        raise ValueError(f"it has {len(rows)} rows; needed: {needed}, one for each policy, case and seed")
+        raise ValueError(f"its number of rows is {len(rows)}; needed: {needed}, one for each policy, case and seed")
     planned = [(case, name, seed) for case in config.cases for name in labels for seed in range(config.seeds)]
     for row, episode in zip(rows, planned, strict=True):
         _check_row(row, episode)
@@ -156,10 +156,10 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
 def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
     """Check that a row belongs to an episode (case, policy, seed) and that its metrics are numbers."""
     if missing := [name for name in _NEEDED if name not in row]:
-        raise ValueError(f"a row lacks {', '.join(missing)}")
+        raise ValueError(f"a row of its results lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)
     if identity != episode:
-        raise ValueError(f"its rows are out of order: expected the row of {episode}, found the row of {identity}")
+        raise ValueError(f"its rows are out of order: (case, policy, seed) is {identity} instead of {episode}")
     truth("completed", row["completed"])
     for name, value in row.items():
         if name in ("reason", "note"):
@@ -193,7 +193,7 @@ def _joined(results: Results, rollouts: list[Rollout]) -> Results:
         raise ValueError(f"{rollout_file.NAME} and {_NAME} come from different evaluations")
     period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != [(*one, period) for one in own]:
-        raise ValueError(f"{rollout_file.NAME} does not contain the episodes of the configuration")
+        raise ValueError(f"{rollout_file.NAME} does not contain the episodes of the configuration in {_NAME}")
     for run, row in zip(rollouts, results.rows, strict=True):
         _check_rollout(run, row)
     return dataclasses.replace(results, rollouts=rollouts)

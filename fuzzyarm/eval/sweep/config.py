@@ -138,7 +138,7 @@ class SweepConfig:
                 "maps; leave out map"
             )
         for column in self.map:
-            choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
+            choice("map", column, self.drawn().varying(self.joints) or ("none, because nothing varies; leave out map",))
 
     def drawn(self) -> Distribution:
         """Return the distribution with `ranges`; quantities set by the grid keep their nominal values."""

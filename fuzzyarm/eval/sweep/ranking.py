@@ -115,7 +115,7 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], d
         find_case(case)
     policies = list(dict.fromkeys(str(row["policy"]) for row in rows))
     if not rows or [(row["policy"], row["case"]) for row in rows] != [(p, c) for p in policies for c in cases]:
-        raise ValueError("it does not have exactly one row for each policy and case")
+        raise ValueError("it must have one row for each case of each policy, in the order of policies and cases")
     declared = read_declarations(document.get("declared"), config["policies"])
     standings = []
     for policy in policies:

@@ -111,7 +111,7 @@ class Sweep:
         """
         path, given = path_of("folder", folder) / _RUN, dict(given or {})
         if not path.is_file():
-            raise ValueError(f"{folder} contains no sweep to resume: {_RUN} is missing; start one without --resume")
+            raise ValueError(f"{folder} contains no sweep: {_RUN} is missing; begin one without --resume and --replay")
         config, then, digest = read_checked(path, SCHEMA, "start again in another folder", _begun)
         if digest != _digest_of(then):
             raise ValueError(f"{path} was changed after the sweep began: start again in another folder")
@@ -166,7 +166,7 @@ class Sweep:
         """Return the results of the whole sweep; ValueError if a chunk is missing or damaged."""
         done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
         if missing := self.config.chunks - len(done):
-            raise ValueError(f"{self.folder} does not contain the results of {missing} chunks: run these with --resume")
+            raise ValueError(f"results are missing from {self.folder} (chunks: {missing}): run these with --resume")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:

@@ -61,7 +61,7 @@ def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
         lanes.reset(range(8), [(NOISY, JointReference(parameters=longer))])
     for torque in torques(3, 8):
         assert all(map(np.array_equal, lanes.step(torque.copy()), undisturbed.step(torque.copy())))
-    with pytest.raises(ValueError, match=r"the angle of the reference reaches .*allows \(0\.5, 3\.0\) rad"):
+    with pytest.raises(ValueError, match=r"the joint angle of the reference reaches .*allows \(0\.5, 3\.0\) rad"):
         made([TABLE_1, narrow], [(NOISY, JointReference())], 2)
 
 

@@ -29,11 +29,11 @@ def changed(name, place, value):
 
 
 BAD = [
-    (changed("clock", (CLOCK.row, 1), 10**12), r"lane 1 is at row 1000000000000 of"),
-    (changed("clock", (CLOCK.row, 0), -1), "lane 0 is at row -1 of"),
+    (changed("clock", (CLOCK.row, 1), 10**12), r"environment 1 is at row 1000000000000 of"),
+    (changed("clock", (CLOCK.row, 0), -1), "environment 0 is at row -1 of"),
     (lambda state: state["clock"].__setitem__(CLOCK.row, state["clock"][CLOCK.last]), "at row [0-9]+ of"),
-    (changed("clock", (CLOCK.first, 0), 1), "lane 0 is at row"),
-    (changed("clock", (CLOCK.last, 2), 10**9), "lane 2 is at row"),
+    (changed("clock", (CLOCK.first, 0), 1), "environment 0 is at row"),
+    (changed("clock", (CLOCK.last, 2), 10**9), "environment 2 is at row"),
     (changed("clock", (CLOCK.key, 0), 7), "state"),
     (changed("drawn", (0, 0), 0.5), "does not match the random keys"),
     (changed("drawn", (-1, 0), 1e12), "does not match the random keys"),
@@ -45,8 +45,8 @@ BAD = [
     (lambda state: state.update(values=state["values"].astype(">f8")), "must be an array of float64"),
     (lambda state: state.update(drawn=state["drawn"].tolist()), "must be an array of float64"),
     (lambda state: state.pop("clock"), r"state\['clock'\] is None"),
-    (lambda state: state.pop("made_of"), "different plants"),
-    (lambda state: state.update(made_of=np.zeros(32, dtype=np.uint8)), "different plants"),
+    (lambda state: state.pop("made_of"), "other plants"),
+    (lambda state: state.update(made_of=np.zeros(32, dtype=np.uint8)), "other plants"),
 ]
 
 

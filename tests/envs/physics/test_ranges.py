@@ -46,7 +46,7 @@ def test_a_file_without_the_table_has_no_ends(tmp_path):
 @pytest.mark.parametrize(
     ("ranges", "message"),
     [
-        ("stiffness = [[1e4, 1e6]]", "stiffness has 1 ranges; the arm has 2 joints"),
+        ("stiffness = [[1e4, 1e6]]", "stiffness needs one range for each of 2 joints, not 1"),
         ("stiffness = [[1e6, 1e4], [2e3, 1e5]]", r"stiffness\[0\] = .* must be a range \(low, high\)"),
         ("stiffness = [[0.0, 1e6], [2e3, 1e5]]", r"stiffness\[0\]\[0\] = 0.0 N m/rad is out of range"),
         (
@@ -54,7 +54,10 @@ def test_a_file_without_the_table_has_no_ends(tmp_path):
             r"ranges: stiffness\[0\] of the arm = 64000.0 N m/rad is out of range",
         ),
         ("damping = [[1.0, 2.0], [1.0, 2.0]]", "unknown field damping; known: motor_inertia, stiffness"),
-        ("motor_inertia = [[1.0, 9.0], [0.4, 0.6]]", "ranges: an arm with motor_inertia high is impossible: inertia"),
+        (
+            "motor_inertia = [[1.0, 9.0], [0.4, 0.6]]",
+            r"the arm at these ends is impossible \(motor_inertia high\): inertia",
+        ),
     ],
 )
 def test_a_wrong_table_is_refused_by_every_reader(ranges, message, tmp_path):

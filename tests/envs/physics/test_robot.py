@@ -169,7 +169,7 @@ def test_urdf_with_an_overlay(tmp_path):
         (SECOND.replace("</joint>", '<mimic joint="j1"/></joint>'), "", ("j1",), "joint 'j2' mimics 'j1'; .*`fixed`"),
         (URDF_JOINT.format("j2", "revolute", "a", "c", ""), "", ("j1", "j2"), "'j2' does not follow joint 'j1'"),
         (MASSLESS, "", ("j1", "j2", "j3"), "joint 'j3' turns link 'd', which has no inertia: give the link an <iner"),
-        (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the robot file"),
+        (SECOND, "", ("j1",), r"joint 'j2': the robot file gives it no drive, .* add \[joints.j2\] to the robot file"),
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
         (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is not a link or site"),
         (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` contains j9, but the joints of the model are: j1, j2"),

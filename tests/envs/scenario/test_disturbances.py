@@ -96,7 +96,7 @@ class OneColumn:
 
 
 def test_loads_of_the_wrong_shape_never_reach_the_kernel():
-    with pytest.raises(ValueError, match=r"tip_force\.at returned shape \(12000, 1\).*\(12000, 2\)"):
+    with pytest.raises(ValueError, match=r"tip_force\.at returned an array of shape \(12000, 1\).*\(12000, 2\)"):
         sampled(Disturbance(tip_force=OneColumn()))
     with pytest.raises(ValueError, match=r"TorqueBias\.torque has 3 numbers; needed: 2, one for each joint"):
         sampled(Disturbance(torque_bias=TorqueBias((1.0, 2.0, 3.0))))

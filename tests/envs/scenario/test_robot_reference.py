@@ -266,7 +266,7 @@ def test_a_spline_beyond_a_limit_names_the_joint_and_the_way_out():
     ("waypoints", "error", "message"),
     [
         (3.0, TypeError, "waypoints = 3.0 must be a sequence of postures"),
-        ([(0.0,) * 6], ValueError, "waypoints has 1 postures; allowed: 2 to"),
+        ([(0.0,) * 6], ValueError, "the number of waypoints is 1; allowed: 2 to"),
         ([(0.0,) * 6, (0.1,) * 5], ValueError, r"waypoints\[1\] = .* must be 6 real numbers"),
         ([(0.1,) * 6, (0.1,) * 6], ValueError, r"waypoints\[0\] and waypoints\[1\] are 0 rad apart"),
         ([(0.1,) * 6, ("up",) * 6], TypeError, r"waypoints\[1\]\[0\] = 'up' must be a real number"),

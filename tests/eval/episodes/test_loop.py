@@ -191,7 +191,7 @@ def test_parameters_are_a_robot_wherever_one_is_asked_for(tmp_path):
     assert EvaluationConfig(robot="ur5").command() == "fuzzyarm evaluate --robot ur5"
     assert MarginsConfig(robot=OTHER).command() is None
     for config in (EvaluationConfig, MarginsConfig):
-        with pytest.raises(TypeError, match="it must be a name, the path of a TOML file, a Robot or ArmParameters"):
+        with pytest.raises(TypeError, match="give a name, the path of a TOML file, a Robot or ArmParameters"):
             config(robot=3)
 
 

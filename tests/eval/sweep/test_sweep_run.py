@@ -210,7 +210,7 @@ def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_s
     with pytest.raises(ValueError, match=r"started with different .*\(cases: pushed"):
         Sweep.resume(tmp_path)
     del CASES["pushed"]
-    with pytest.raises(ValueError, match=r"unknown case 'pushed'.*add a case with add_case"):
+    with pytest.raises(ValueError, match=r"unknown case 'pushed'.*call .*add_case in each process"):
         Sweep.resume(tmp_path)
 
 

@@ -161,7 +161,7 @@ def test_what_cannot_be_ranked_is_refused_in_one_line(write, tmp_path, capsys):
     results.write_text("{}")
     for words, message in (
         ([str(path), str(path.parent)], "given twice"),
-        ([str(path), str(results)], "a sweep is ranked only with other sweeps"),
+        ([str(path), str(results)], "rank sweeps and evaluations separately"),
         ([str(path), "--bound", str(results)], "leave out --bound"),
         ([str(write("b", damaged))], "damaged ('max_mm' is missing)"),
         ([str(write("c", damaged | {"schema": "fuzzyarm-sweep/1"}))], "fuzzyarm-sweep/1"),

@@ -128,7 +128,7 @@ def test_uncertain_constants_and_a_box_of_starts_widen_the_bound_of_a_robot(boun
     ("words", "why"),
     [
         (["--start", "[1]", "0", "0", "0", "0"], "start: could not convert"),
-        (["--cells", "mass", "2"], "for a robot with 3 joints, --cells must be payload or force"),
+        (["--cells", "mass", "2"], "--cells must be payload or force for a robot with 3 joints"),
     ],
 )
 def test_what_a_robot_has_no_bound_for_is_one_line(words, why, capsys):
