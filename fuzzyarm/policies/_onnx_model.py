@@ -25,7 +25,7 @@ _LARGEST = 64 * 2**20  # bytes
 
 
 def past_seen(path: Path, inputs: int, joints: int) -> int:
-    """Return the `history` for which an observation has `inputs` entries; ValueError if there is no such `history`."""
+    """Return the task's `history` for which an observation has `inputs` entries; ValueError if there is none."""
     past, rest = divmod(inputs - 6 * joints, 2 * joints)
     if inputs == 5 * joints:
         return 0
@@ -38,12 +38,12 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
 
 
 class OnnxPolicy(Policy):
-    """The policy; its memory holds the control periods since an action, that action, and the memory of the features."""
+    """A model as a policy; its memory holds the periods since an action, that action and the features' memory."""
 
     def __init__(
         self, path: Path, robot: AnyArm, control_period: float, action: ActionDefinition | None = None
     ) -> None:
-        """Load the file of a model with the actions of the registered task, or `action`.
+        """Load a model from its file; its actions are those of ``FuzzyArmLearn-v0``, unless `action` defines others.
 
         ValueError if the file is not such a model or onnxruntime is missing; OSError if the file cannot be read.
         """
@@ -85,11 +85,11 @@ class OnnxPolicy(Policy):
 
     @property
     def memory_size(self) -> int:
-        """Size of a lane's memory."""
+        """Number of entries in the memory of one lane."""
         return 1 + self.joints + self._remembered
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` (lanes, n); a new action is computed when the last one has been held for its period."""
+        """Fill `torque` (lanes, n) [N m]; a new action is computed when the last one has been held for its period."""
         due = np.flatnonzero(memory[:, 0] == 0.0)
         if len(due):
             seen, past = np.ascontiguousarray(observation[due]), np.ascontiguousarray(memory[due, 1 + self.joints :])

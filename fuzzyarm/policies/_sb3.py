@@ -38,7 +38,7 @@ def sb3_policy(
 ) -> LearnedPolicy:
     """Return the mean action of a saved PPO, A2C, RecurrentPPO, SAC, TQC, TD3 or DDPG as a policy.
 
-    Actions are those of the registered task, or `action`.
+    The actions are those of ``FuzzyArmLearn-v0``, unless `action` defines others.
 
     The running mean and variance of the observations from VecNormalize are read from a file ``NAME.npz`` in the folder
     of ``NAME.zip``, if there is one, with the arrays ``mean``, ``var`` and ``clip``.
@@ -77,7 +77,7 @@ _ROUTE = "export the model to ONNX, as docs/tutorials/train.md shows, and give -
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the strings in a zip file, and its weights as arrays by name."""
+    """Return the settings in a model's zip file, with no object unpickled, and its weights as arrays by name."""
     try:
         import torch
     except ImportError:
@@ -101,7 +101,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell | None, str, str]:
-    """Return weights, biases, LSTM cell, activation and output of the network that computes the mean action."""
+    """Return weights, biases, LSTM cell or None, activation and output function of the network of the mean action."""
     for hidden, last, activation, output in (
         ("mlp_extractor.policy_net.", "action_net.", "tanh", "clip"),
         ("actor.latent_pi.", "actor.mu.", "relu", "tanh"),
@@ -124,12 +124,12 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
 
 
 def _axes(tensors: dict[str, np.ndarray], name: str) -> tuple[int, ...]:
-    """Return how many axes a layer's weight and its bias have; a missing array is left out."""
+    """Return the numbers of axes of the weight and the bias of the layer `name`; a missing array is left out."""
     return tuple(tensors[name + part].ndim for part in ("weight", "bias") if name + part in tensors)
 
 
 def _normaliser(path: Path, inputs: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return mean, variance and clip from a file; without a file, values that change nothing."""
+    """Return mean (inputs,), variance (inputs,) and clip from a file; if it is missing, values that change nothing."""
     if not path.is_file():
         return np.zeros(inputs), np.full(inputs, 1.0 - 1e-8), 1e6
     try:

@@ -54,9 +54,9 @@ __all__ = ["UserPolicy", "load_code", "source_file"]
 def load_code(
     name: str, control_period: float, robot: AnyArm, action: ActionDefinition | None = None
 ) -> Policy | UserPolicy:
-    """Return the policy of ``package.module:factory`` or of a foreign model (`registry.FOREIGN`) for T [s].
+    """Return the policy of ``package.module:factory``, or of a model of another library (`registry.FOREIGN`).
 
-    The actions of a foreign model are those of ``FuzzyArmLearn-v0``, or `action`.
+    The actions of such a model are those of ``FuzzyArmLearn-v0``, unless `action` defines others.
 
     The current folder is also searched, as with ``python -m``. ValueError if the module is not found, fails or has no
     such factory, if the factory fails, or if its result has no `predict` or a wrong `declared`.
@@ -94,7 +94,7 @@ def load_code(
 
 
 def source_file(name: str) -> Path | None:
-    """Return the file of a foreign model, or the source of the module of ``package.module:factory``.
+    """Return the file of another library's model, or the module's source file for ``package.module:factory``.
 
     The module is imported to find its source; ValueError if the import fails.
     """
@@ -161,7 +161,7 @@ class UserPolicy:
         return UserPolicy(self.name, found, self.control_period)
 
     def begin_pass(self, state: Any) -> Any:
-        """Return the state that the next pass begins with; ValueError if the object's `begin_pass` fails."""
+        """Return the first state of the next pass, given the last of this one; ValueError if `begin_pass` fails."""
         return self._called("begin_pass", state)
 
     def _believed(self, state: Any) -> Any:

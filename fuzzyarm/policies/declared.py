@@ -193,7 +193,7 @@ def declared_by_name(name: str) -> Declared | None:
 
 
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:
-    """Return the declaration of a law without the additions for the suffix `TIP` and for passes."""
+    """Return the declaration of a policy without the additions for the suffix `TIP` and for passes."""
     path = spec.path
     if spec.shield is not None and spec.kind is not Kind.CODE:
         base, guest = declared(spec.shield.law), declared(spec.shield.guest)

@@ -22,7 +22,7 @@ __all__ = [
 ]  # fmt: skip
 
 FOREIGN = {"sb3:": ".zip", "onnx:": ".onnx"}
-"""Prefix of the path of another library's model, and suffix of its file."""
+"""Prefixes that mark the paths of other libraries' models, with the suffixes of such files."""
 
 TIP = "-tip"
 """Suffix of a policy's name with which its law is wrapped in `fuzzy_policy.laws.tip.TipPolicy`, which guides the tip
@@ -68,7 +68,7 @@ def foreign(name: str) -> str:
 
 
 def make_law(name: str, robot: AnyArm, control_period: float, *given: Any) -> Policy:
-    """Return a law of `LAWS` for an arm and T [s]; `given`: bandwidth or weights, then the adaptive law's fallback."""
+    """Return the law `name` of `LAWS`; `given`: its bandwidth or weights, then the fallback of the adaptive law."""
     made: Policy = pkgutil.resolve_name(f"fuzzyarm.fuzzy_policy.laws.{LAWS[name]}")(robot, control_period, *given)
     return made
 

@@ -1,4 +1,4 @@
-"""Shielded policies: a guest of any kind within a margin around the torque of a law."""
+"""Shielded policies: any other policy, the guest, whose torque is kept within a margin around a law's torque."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["shielded", "shielded_of"]
 
 
 def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
-    """Return a guest within ± `margin` (n,) [N m] of a law, u = u_f + clip(π - u_f, ±δ).
+    """Return the policy u = u_f + clip(π - u_f, ±δ), with the torques u_f of a law and π of a guest.
 
     Args:
         law: a fixed law, or its name.
         guest: a policy's name, a policy, or any object with stable-baselines3's `predict` whose action is the torque
             (n,) [N m] for an observation of ``FuzzyArm-v0``. The law acts if the guest fails or returns no number.
-        margin: δ, largest difference from the law's torque [N m].
+        margin: δ (n,), largest difference from the law's torque [N m].
 
     Raises:
         ValueError: a name is unknown, the law is not a fixed law, or the margin is not positive for each joint.
@@ -47,9 +47,9 @@ def shielded(law: str | Policy, guest: Any, margin: Any) -> Policy | UserPolicy:
 
 
 def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unproven: bool) -> Policy | UserPolicy:
-    """Return the policy that the name of a shield refers to, for T [s]; arguments and errors as for `load_policy`.
+    """Return the policy of a shield's spec for a control period [s]; arguments and errors as for `load_policy`.
 
-    A guest from another library must have been trained on ``FuzzyArmLearn-v0`` with this shield: u = u_f + δ a.
+    A guest from another library must have been trained on ``FuzzyArmLearn-v0`` with the argument `shield`.
     """
     assert spec.shield is not None
     _, margin = without_guest(spec.name)

@@ -244,7 +244,7 @@ def any_guest(name: str) -> str:
 
 
 def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the name of the law in a shield, and δ (n,) [N m]; for any other policy, its name and an empty δ."""
+    """Return the name of a shield's law and the margin (n,) [N m]; any other name is returned with an empty margin."""
     shield = resolve(name).shield
     if shield is None:
         return name, ()

@@ -145,7 +145,7 @@ class _Lap:
 
     tip: np.ndarray  # bound on the tip error at the end of each control step [m]
     whole: np.ndarray  # the same at every instant of each control step [m]
-    # for each entry of `tip`, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
+    # for each entry of `tip`, the parts due to each of `SOURCES`, the uncertain constants and the centre [m]
     sources: np.ndarray
     steps: tuple[Step, ...]  # the tube; empty if it was not kept
     begin: LapSet | None = None  # set in which a later lap begins
@@ -229,14 +229,14 @@ def arm_in_words(arm: AnyArm) -> str:
 
 
 def own_duration(policy: str, arm: AnyArm | None, path: str, points: GivenPath | None) -> float:
-    """Return the duration [s] of the motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
+    """Return the duration [s] of a policy's motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
     choice("path", path, _PATHS)
     arm = load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm).parameters
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
-    """Return the problem of a claim; `policy`, which needs no name, replaces the policy that the claim names."""
+    """Return the proof problem of a claim; `policy`, which needs no name, replaces the policy that the claim names."""
     law, guest = without_guest(claim.policy)
     policy = load_policy(law, control_period=PERIOD, robot=claim.arm) if policy is None else policy
     parameters, joints = policy.parameters, policy.joints

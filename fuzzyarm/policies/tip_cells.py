@@ -1,8 +1,8 @@
-"""The division of a set that is too large for one tube into cells, each with its own tube, on several CPU cores.
+"""The division of a set of plants into cells, for each of which a tip bound is proven, on several CPU cores.
 
-Every plant of the set lies in one of the cells, so the largest of their bounds holds for the whole set. The factors of
-the two joints are independent, so each joint's range is divided. A cell without a tube is halved in its widest range,
-relative to the whole range, until its parts have tubes.
+A set may be too large for one tube, the enclosure of all its motions. Every plant lies in one of the cells, so the
+largest of their bounds holds for the whole set. The two joints have independent factors, so the range of either joint
+can be divided. A cell without a tube is halved in its widest range, relative to the whole one, until parts have tubes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
     **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
 }
-"""By name, the ranges to divide: the range of a field, the ranges of both joints, or that of one joint (mass-2)."""
+"""The ranges that a name divides: those of a field, for both joints if it has two (mass), or for one (mass-2)."""
 
 
 def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet]:
@@ -57,7 +57,7 @@ def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet
 def bounds_of_cells(
     claim: TipClaim, divisions: Sequence[_Division], jobs: int, out: Path | None = None
 ) -> Iterator[list[CellBound]]:
-    """Yield, for each cell of the claim's set, its bound or those of its parts, computed in `jobs` processes.
+    """Yield a list per cell of the claim's set: its bound, or the bounds of its parts; `jobs` processes compute them.
 
     With `out`, each bound is written to a file in its folder: ``NAME-001.json`` and so on for ``NAME.json``. `NoBound`
     if a cell has no bound; the message names the cell.
@@ -82,7 +82,7 @@ def bounds_of_cells(
 def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
     """Yield the bound for the claim's set, which is a cell, or for its parts after up to `halvings` halvings.
 
-    `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if one of these parts has no bound.
+    `plants` is the whole set; `names`, keys of `_DIVISIBLE`, are the ranges to halve. `NoBound` if a part has no bound.
     """
     try:
         yield find_bound(claim)
@@ -99,7 +99,7 @@ def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], hal
 
 
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
-    """Return the range in which a cell is widest, relative to the whole range; None if no range has a width."""
+    """Return the range in which `cell` is widest, relative to the whole set `plants`; None if no range has a width."""
 
     def width(of: PlantSet, axis: Axis) -> float:
         low, high = of.of_joint(*axis)

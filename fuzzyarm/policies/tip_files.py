@@ -97,7 +97,7 @@ class _Part:
 
 @dataclasses.dataclass(frozen=True)
 class _Begin:
-    """The set in which a later lap begins."""
+    """The set of states in which a later lap begins, in the file."""
 
     centre: list[float]
     memory: list[float]
@@ -169,7 +169,7 @@ class _Claimed:
         return cls(plants=claim.plants.to_dict(), **own, **others)
 
     def claim(self, samples: int) -> TipClaim:
-        """Return the claim for `samples` samples of a checked bound."""
+        """Check the fields and return the claim, for a bound over `samples` control steps."""
         real("bound", self.bound, "m", low=0.0, high=_LARGEST)
         plants = record(self.plants, PlantSet)
         if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
@@ -205,7 +205,7 @@ class _CellsDocument(_Claimed):
 
 @dataclasses.dataclass(frozen=True)
 class BoundCheck:
-    """The outcome of the check of a file."""
+    """The outcome of the check of a bound's file."""
 
     path: Path  # the file
     claim: TipClaim  # the claim of the file
@@ -296,10 +296,7 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 
 
 def is_bound(path: Path) -> bool:
-    """Return whether a file begins like the file of a bound, single or by cells, of any version.
-
-    OSError if it is unreadable.
-    """
+    """Return whether a file begins like a bound's file, single or by cells, of any version; OSError if unreadable."""
     with open_regular(path) as file:
         begin = file.read(64)
     return any(schema.rpartition("/")[0].encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
@@ -367,7 +364,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
 
 
 def _claimed_bounds(lap: _Document | _Lap) -> np.ndarray:
-    """Return the bounds of a lap at samples and during steps (2, samples) [m], with an allowance for rounding."""
+    """Return a lap's claimed tip errors at samples and during steps (2, samples) [m], with a margin for rounding."""
     return finite_array("tip, whole", [lap.tip, lap.whole], (2, len(lap.tip)), largest=_LARGEST) * _ROUNDING
 
 
@@ -389,7 +386,7 @@ def _check_cells(path: Path, content: Any) -> BoundCheck:
 
 
 def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
-    """Return why a bound by cells is not proven; empty if it is."""
+    """Return why a bound by cells is not proven, given the checks of its cells; empty if it is proven."""
     ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
     for cell in found:
         whole = dataclasses.replace(

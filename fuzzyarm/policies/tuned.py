@@ -31,7 +31,7 @@ NAME = "laws.json"  # the file of the laws in the folder
 
 @dataclasses.dataclass(frozen=True)
 class TunedLaws:
-    """The checked content of the file `NAME`."""
+    """The checked content of the file ``laws.json`` in a folder of `fuzzyarm tune`."""
 
     schema: str  # `SCHEMA`
     arm_sha256: str  # digest of the arm for which the laws were tuned, `Robot.digest`
@@ -90,12 +90,12 @@ class TunedLaws:
         return dict(zip(LAWS, (self.bandwidth, *weights), strict=True))
 
     def to_json(self) -> str:
-        """Return the text of the file."""
+        """Return the content as the text of the file ``laws.json``."""
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False) + "\n"
 
 
 def is_tuned(folder: Path) -> bool:
-    """Return whether a folder has the file of the laws."""
+    """Return whether a folder contains ``laws.json``, as a folder of `fuzzyarm tune` does."""
     return os.path.isfile(folder / NAME)  # unlike `Path.is_file`, False for names that are impossible in a file system
 
 
@@ -111,7 +111,7 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
 
 
 def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return a law of `LAWS` by name, with the parameters of a tuned folder, for its arm and control period [s]."""
+    """Return the law `name` of `LAWS` with the parameters in a tuned folder, for its arm and control period [s]."""
     laws = TunedLaws.read(folder, arm)
     if name not in {policy.removesuffix(TIP) for policy in laws.policies}:
         raise ValueError(f"{folder} has no policy {name}; choose from: {', '.join(laws.policies)}")

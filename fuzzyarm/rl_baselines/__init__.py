@@ -1,4 +1,4 @@
 """Training of policies: batched arms for learning libraries, a trainer, and PPO.
 
-torch and stable-baselines3 may be imported only here; they come with the extra ``rl``.
+torch and stable-baselines3 come with the extra ``rl``; outside this folder only `policies._sb3` imports torch.
 """

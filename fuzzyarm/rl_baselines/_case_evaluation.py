@@ -22,10 +22,10 @@ COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEAS
 
 
 def evaluate_cases(policy: Policy, arm: AnyArm | None = None) -> dict[str, float]:
-    """Run an episode of each case, with its loads for the arm, on the default reference at the policy's control period.
+    """Run an episode of each of the paper's cases on the arm's default reference, at the policy's control period.
 
     Returns:
-        By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode that was
+        By `COLUMNS`: largest and root mean square tip error of each case [mm], and the fraction of the episode that was
         completed, 1 if the reference was followed to its end.
     """
     arm, cases = ArmParameters() if arm is None else arm, list(PAPER_CASES)

@@ -101,7 +101,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def check_like(name: str, found: Any, own: Any) -> None:
-    """Check that a part of a checkpoint matches a new training run: names, and types and shapes of tensors.
+    """Check that `found`, part of a checkpoint, has the names, types and shapes of `own`, the same part of a new run.
 
     Lists and empty mappings grow during training; the code that uses them must check their content. ValueError says
     where the two differ; `name` is the name of this part.
@@ -136,7 +136,7 @@ def check_finite(name: str, found: Any) -> None:
 
 
 def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
-    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if invalid."""
+    """Return the curve's rows, best score [mm], and wall and processor time [s]; TypeError or ValueError if invalid."""
     rows, best = instance("rows", found["rows"], list), found["best"]
     for row in rows:
         if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
@@ -173,7 +173,7 @@ def set_random_state(state: dict[str, Any]) -> None:
 
 
 def _check_archive(data: bytes) -> None:
-    """Check that the archive does not grow when unpacked: `torch.save` compresses nothing."""
+    """Check that the zip archive `data` does not grow when unpacked; `torch.save` compresses nothing."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
     if any(member.compress_type != zipfile.ZIP_STORED for member in members):
@@ -185,7 +185,7 @@ def _check_archive(data: bytes) -> None:
 
 
 def _check_values(loaded: Any, size: int) -> None:
-    """Check that there are only numbers, text and plain tensors no larger than the `size` bytes of the file."""
+    """Check that `loaded` has only numbers, text and plain tensors no larger than the `size` bytes of the file."""
     rest, count = [loaded], 0
     while rest:
         part, count = rest.pop(), count + 1
@@ -205,7 +205,7 @@ def _check_values(loaded: Any, size: int) -> None:
 
 
 def _as_tensors(content: Any) -> Any:
-    """Return the content with tensors in place of NumPy arrays, which the safe reader does not support."""
+    """Return nested `content` with tensors in place of NumPy arrays, which the safe reader does not support."""
     if isinstance(content, dict):
         return {name: _as_tensors(value) for name, value in content.items()}
     if isinstance(content, (list, tuple)):

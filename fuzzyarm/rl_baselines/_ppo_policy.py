@@ -23,8 +23,8 @@ _TIP, _FORCE = 1e-4, 200.0  # m, N
 class PlantView(VecEnvWrapper):
     """Arms whose observations end with unmeasured quantities for the value function, which is not shipped.
 
-    These are the tip error, asinh((p - p_d)/0.1 mm), the bending of the joints, asinh((q_b - q_a)/0.1 mrad), the link
-    velocities, asinh(q̇_b/(10 mrad/s)), the tip force in units of 200 N, and the randomised quantities of the episode.
+    These are asinh((p - p_d)/0.1 mm) for the tip p and its reference, asinh((q_b - q_a)/0.1 mrad) for link and motor
+    angles, asinh(q̇_b/(10 mrad/s)), the tip force in units of 200 N, and the randomised quantities of the episode.
     """
 
     def __init__(self, venv: StableBaselinesVecEnv) -> None:
@@ -37,7 +37,7 @@ class PlantView(VecEnvWrapper):
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step every lane; a terminal observation ends with the quantities of the ended episode."""
+        """Step every lane; a terminal observation, too, ends with unmeasured quantities, those of the ended episode."""
         observation, rewards, dones, infos = self.venv.step_wait()
         ended = np.flatnonzero(dones)
         if len(ended):
@@ -50,7 +50,7 @@ class PlantView(VecEnvWrapper):
         return np.hstack([observation, self._plant(slice(None))])
 
     def _plant(self, which: Any, info: Mapping[str, Any] | None = None) -> np.ndarray:
-        """Return the unmeasured quantities of some lanes (rows, size), of order 1 except for the randomised ones."""
+        """Return the unmeasured quantities (rows, size) of the lanes `which` from `info`, by default the last info."""
         info = self.venv.vector_info if info is None else info
         parts = [
             np.arcsinh((info["tip"] - info["tip_reference"])[which] / _TIP),

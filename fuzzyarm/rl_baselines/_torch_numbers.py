@@ -16,8 +16,8 @@ __all__ = ["Angle", "Table", "Word"]
 class Angle:
     """An angle (lanes,) [rad] in float32 with its rounding error (Kahan's compensated sum).
 
-    The physics adds increments of a hundred-thousandth of an angle's size, and takes differences of about that size. In
-    an episode of the paper the tip is off by up to 4 µm in plain float32, and by 0.1 µm with the rest.
+    The physics adds increments of a hundred-thousandth of an angle's size, and takes differences about as small. In an
+    episode of the paper the tip is off by up to 4 µm in plain float32, and by 0.1 µm with the rounding errors.
 
     It supports the arithmetic of the physics. Adding an increment gives an angle; sums and differences of angles, sine,
     cosine, magnitude, a number times the angle and comparisons with limits give tensors. `value` is the rounded angle,
@@ -65,11 +65,11 @@ class Angle:
         return Angle(value, part - (value - self.value))
 
     def sin(self) -> Tensor:
-        """Return the sine."""
+        """Return the sine (lanes,) of the rounded angle."""
         return self.value.sin()
 
     def cos(self) -> Tensor:
-        """Return the cosine."""
+        """Return the cosine (lanes,) of the rounded angle."""
         return self.value.cos()
 
 

@@ -36,8 +36,8 @@ _LOST = int(Termination.LOST)
 class Lanes(NamedTuple):
     """The data of the lanes between steps, of shape (n,) each; everything else follows from them.
 
-    `numbers` are the entries of the state, in float32 followed by the rests of the angles; `key` is the key of the
-    episode's random stream and `step` the number of steps of the episode so far, both int64.
+    `numbers` are the entries of the state, in float32 followed by the rounding errors of the angles; `key` is the key
+    of the episode's random stream and `step` the number of steps of the episode so far, both int64.
     """
 
     numbers: tuple[Tensor, ...]
@@ -62,7 +62,7 @@ class Equations:
 
 
 def _reader(record: Any) -> Callable[[Iterable[Tensor]], Any]:
-    """Return the function that builds a record from its numbers."""
+    """Return the function that builds a `record` from a sequence of its numbers."""
     places_in = places(record)
     return lambda numbers: like(places_in, iter(numbers))
 
@@ -85,19 +85,19 @@ class Shared:
     early_end: float  # tip error [m] beyond which an episode ends
 
     def nominal(self) -> Any:
-        """Return the plant in tensors of shape ()."""
+        """Return the nominal arm with its parameters as tensors of shape ()."""
         return _tensors(self.plant, self.rows)
 
 
 def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
-    """Hold torques (joints, n) for one control step; `lanes` are changed in place."""
+    """Hold torques (joints, n) [N m] for one control step; change `lanes` in place and return the outcome."""
     new, outcome = following(shared, lanes, action)
     write(lanes, new)
     return outcome
 
 
 def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outcome]:
-    """Return the lanes after torques (joints, n) are held for one control step, and the outcome; no side effects."""
+    """Return the lanes after torques (joints, n) [N m] act for one control step, and the outcome; no side effects."""
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
     limits, number = equations.physics.limits(nominal), shared.rows.number
@@ -159,21 +159,21 @@ def write(lanes: Lanes, new: Lanes) -> None:
 
 
 def _angle(value: Tensor, rest: Tensor | None = None) -> Any:
-    """Return an angle for the physics: compensated in float32, unchanged in float64."""
+    """Return an angle for the physics: in float32 an `Angle` with its rounding error, in float64 the tensor."""
     if value.dtype == torch.float64:
         return value
     return Angle(value, torch.zeros_like(value) if rest is None else rest)
 
 
 def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
-    """Return the state for the physics."""
+    """Return the arm's state, for the equations, from the `numbers` of `Lanes`."""
     angles, count = shared.equations.angles, shared.equations.numbers
     rests = numbers[count:] or (None,) * angles
     return shared.equations.read_state([*map(_angle, numbers[:angles], rests), *numbers[angles:count]])
 
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
-    """Return the numbers of a state, in this dtype; the step may have changed it if torch's default dtype is wider."""
+    """Return the `Lanes.numbers` of a state in `dtype`; a step may have widened them to torch's default dtype."""
     parts = flat(state)
     values = [part.value if isinstance(part, Angle) else part for part in parts]
     rests = [part.rest for part in parts if isinstance(part, Angle)]
@@ -181,7 +181,7 @@ def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
 
 
 def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
-    """Return the rows (lanes,) of the observation: motors, with noise if there is any, then the reference."""
+    """Return the entries of the observations, tensors (n,): motor angles and velocities with noise, then references."""
     equations = shared.equations
     state, limits = equations.read_state(lanes.numbers[: equations.numbers]), equations.physics.limits(shared.nominal())
     q, dq = equations.reading(state, limits, shared.noise, Word(lanes.key, shared.rows.dtype), lanes.step)
@@ -189,7 +189,7 @@ def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
 
 
 def drawn(shared: Shared, key: Tensor) -> Any:
-    """Return the draws of episodes with these keys (n,); numbers are of shape (n,), or () where nothing is drawn."""
+    """Return the random quantities of the episodes with keys (n,) as a record; numbers are (n,), or () if fixed."""
     return _tensors(shared.equations.drawn(Word(key, shared.rows.dtype), shared.ranges), shared.rows)
 
 
@@ -204,12 +204,12 @@ def _where(condition: Tensor, first: Sequence[Tensor], second: Sequence[Tensor])
 
 
 def stacked(rows: Sequence[Tensor]) -> Tensor:
-    """Return (n, rows) from rows of shape (n,) or (); the first row must be (n,)."""
+    """Return a tensor (n, rows) whose columns are `rows` of shape (n,) or (); the first row must be (n,)."""
     return torch.stack([row.expand_as(rows[0]) for row in rows]).t()
 
 
 def by_step(schedule: Schedule) -> np.ndarray:
-    """Return (steps, columns), a row per control step in the units of a schedule's table.
+    """Return an array (steps, columns) with one row per control step, in the units of the schedule's table.
 
     A row contains the reference and target at the end of the step, and the force and bias during the step.
     """

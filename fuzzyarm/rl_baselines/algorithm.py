@@ -39,7 +39,7 @@ class _Algorithm(Protocol):
         """Return the network of the current policy, as it would be shipped."""
 
     def state(self) -> dict[str, Any]:
-        """Return the state: nested mappings and lists of tensors, NumPy arrays, numbers and text."""
+        """Return the algorithm's state: nested mappings and lists of tensors, NumPy arrays, numbers and text."""
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore a result of `state` with tensors in place of arrays; the configuration must be the same.

@@ -87,7 +87,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: None = None,
     ) -> None:
-        """Build the environment; arguments as in the class docstring."""
+        """Build the batch; `FuzzyArmLearnEnv` and `FuzzyArmVectorEnv` explain the arguments."""
         (arm,) = arms_of(robot, parameters, 1)
         law = ""
         if shield is not None:
@@ -141,7 +141,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode in every lane or in the lanes of a mask; seeds and options as for `FuzzyArmVectorEnv`."""
+        """Begin an episode in every lane, or in those of a mask in `options`, see `FuzzyArmVectorEnv.reset`."""
         observation, info = super().reset(seed=seed, options=options)
         mask = None if options is None else options.get(RESET_MASK)
         which = slice(None) if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
@@ -150,7 +150,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         return self._features(), _flat(info)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Hold the torques of `actions` (num_envs, joints) in [-1, 1] for one period; larger ones are clipped."""
+        """Hold `actions` (num_envs, joints), clipped to [-1, 1], for one action period; return Gymnasium's results."""
         given = np.clip(real_numbers("actions", actions), -1.0, 1.0)
         if given.shape != self._action.shape:
             raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}")
@@ -192,17 +192,17 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         scalars[_REWARD] = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
 
     def _begin(self, which: Any) -> None:
-        """Clear the memory of these lanes."""
+        """Clear the memory of the lanes `which`, an index array or a slice, for a new episode."""
         self._memory[which], self._base_memory[which], self._action[which] = 0.0, 0.0, 0.0
 
     @property
     def _rows(self) -> np.ndarray:
-        """Rows of the schedule now and at the motion's end (2, num_envs, 1)."""
+        """The lanes' current rows in the table of references, and the last rows of their motions: (2, num_envs, 1)."""
         clock = self.lanes.clock
         return np.stack([clock[CLOCK.row], clock[CLOCK.last]])[..., np.newaxis]
 
     def _features(self, rows: np.ndarray | None = None) -> np.ndarray:
-        """Return the learner's observations (num_envs, `size`), float32, now or at `rows` of the schedule."""
+        """Return the observations (num_envs, size), float32; previews begin at `rows`, by default those of `_rows`."""
         seen = self._arms.see(self._seen, self._memory)
         if len(self._preview):  # the last reference holds after the motion has ended
             row, last = self._rows if rows is None else rows
@@ -212,23 +212,23 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
 
 
 def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
-    """Return 1 - ln(1 + d/s)/ln(1 + R/s) for tip errors d (lanes,) [m] and R = `lost` [m], with s = 0.1 mm."""
+    """Return rewards 1 - ln(1 + d/s)/ln(1 + R/s) for tip errors d (lanes,) [m], R = `lost` [m] and s = 0.1 mm."""
     reward: np.ndarray = 1.0 - np.log1p(error / RESOLUTION) / math.log1p(lost / RESOLUTION)
     return reward
 
 
 def learning_draws(arm: AnyArm) -> DomainRandomisation:
-    """Return the randomisation of the registered task for an arm.
+    """Return the randomisation of ``FuzzyArmLearn-v0`` for an arm.
 
-    This is ``robust`` (plants, load, force, initial state) with 256 references of the family, and with the default
-    reference in one of five episodes.
+    This is ``robust`` (plants, load, force, initial state) with 256 references of `reference_family`, and with the
+    default reference in one of five episodes.
     """
     references = (*reference_family(arm, _REFERENCES), *[default_reference(arm)] * _CIRCLES)
     return dataclasses.replace(find_randomisation("robust", arm), references=references)
 
 
 def _flat(info: dict[str, Any]) -> dict[str, Any]:
-    """Return an info without its nested mapping, which some learning libraries cannot process."""
+    """Return an info whose nested mapping `randomisation` is flattened to ``drawn_NAME``, as some libraries need."""
     drawn = info.pop("randomisation", {})
     info.pop("_randomisation", None)
     renamed = {("_drawn" if name.startswith("_") else "drawn_") + name: value for name, value in drawn.items()}
@@ -311,14 +311,14 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode; options as for `FuzzyArmEnv`."""
+        """Begin an episode; return the first observation and the info. Options are those of `FuzzyArmEnv.reset`."""
         super().reset(seed=None if seed is None else checks.whole("seed", seed))
         observation, info = self._lane.reset(seed=seed, options=options)
         self._over = False
         return observation[0], _first(info)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Hold the torque of an action in [-1, 1]ⁿ for one period."""
+        """Hold `action`, in [-1, 1]ⁿ, for one action period; return Gymnasium's five results."""
         if self._over:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
         observation, reward, terminated, truncated, info = self._lane.step(np.asarray(action)[np.newaxis])
@@ -327,7 +327,7 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
 
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the info of the only lane, with plain numbers and copied arrays."""
+    """Return the info of a batch with one lane as that lane's own info, with plain numbers and copied arrays."""
     one: dict[str, Any] = {}
     for name, value in info.items():
         if not name.startswith("_"):

@@ -63,7 +63,7 @@ class StableBaselinesVecEnv(VecEnv):
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in every lane, with the seeds and options set before."""
+        """Begin an episode in every lane, with the seeds and options set before; return observations (lanes, size)."""
         seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         observation, self.vector_info = self.envs.reset(seed=seeds, options=self._joint_options())
         self._reset_seeds()
@@ -91,7 +91,7 @@ class StableBaselinesVecEnv(VecEnv):
         return observation, rewards.astype(np.float32), dones, infos
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Return the state of every lane, see `FuzzyArmVectorEnv.get_state`, with its return and length so far."""
+        """Return `FuzzyArmVectorEnv.get_state` and the returns, tip error sums and lengths of the running episodes."""
         state = _attribute(self.envs, "get_state")()
         return {**state, **{name: getattr(self, f"_{name}").copy() for name in _OWN_STATE}}
 
@@ -110,7 +110,7 @@ class StableBaselinesVecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the batch, which all lanes share, once for each of the given lanes."""
+        """Return a list with the batch's attribute `attr_name`, which all lanes share, once for each given lane."""
         return [_attribute(self.envs, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
@@ -125,7 +125,7 @@ class StableBaselinesVecEnv(VecEnv):
         raise NotImplementedError(f"{method_name!r} cannot be called: a batch has no separate environment objects")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """Return, for each lane, True for `Monitor`, whose ``episode`` infos the lanes provide, else False."""
+        """Return, for each given lane, whether `Monitor`, whose infos the lanes provide, is a `wrapper_class`."""
         return [issubclass(Monitor, wrapper_class)] * len(self._chosen(indices))
 
     def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:
@@ -144,7 +144,7 @@ class StableBaselinesVecEnv(VecEnv):
         return info
 
     def _joint_options(self) -> dict[str, Any] | None:
-        """Return the lanes' reset options as one mapping of sequences."""
+        """Return the reset options as one mapping from names to lists with an entry per lane; None without options."""
         if not any(self._options):
             return None
         names = set(self._options[0])

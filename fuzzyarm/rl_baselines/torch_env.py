@@ -55,7 +55,7 @@ _MOST_LANES = 2**26  # a lane takes about 100 bytes
 class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
-    Torch runs the equations, compiled by torch.compile or operation by operation. It has not been run on a GPU.
+    Torch runs the equations, compiled by torch.compile or operation by operation. The class is untested on a GPU.
 
     Equations, reward, episode ends, observations and the meaning of the arguments are those of
     `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same plants,
@@ -87,7 +87,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step
     while motors slip, and also while they stick; the derivatives are then 0, since the velocity stays 0 under any small
     change. At a border (a motor at the torque that frees it, a torque at its limit, a tip on its target) no derivative
-    exists, and the gradient is that of one side, the mean of both, or 0. A torque beyond its limit has gradient 0.
+    exists, and the gradient is the one on one side, the mean of both, or 0. A torque beyond its limit has gradient 0.
     Gradients do not cross episodes. The state carries the graph of all steps since `reset` or `detach`.
 
     Args:
@@ -166,22 +166,22 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return batch_space(self.single_action_space, self.num_envs)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return arguments and lanes, without graphs."""
+        """Return what pickle stores: the arguments, and the lanes without autograd graphs."""
         lanes = torch_step.Lanes(tuple(one.detach() for one in self._lanes.numbers), *self._lanes[1:])
         return {"arguments": self._arguments, "lanes": lanes, "begun": self._begun}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Rebuild the batch and restore the lanes."""
+        """Rebuild the batch from the stored arguments, and restore its lanes from `state`."""
         self.__init__(**state["arguments"])  # type: ignore[misc]
         self._lanes, self._begun = state["lanes"], state["begun"]
 
     @property
     def state(self) -> Tensor:
-        """The true states (n, 4 joints), noise-free, in the order of `State`: motor, link angles [rad], velocities."""
+        """The true states (n, 4 joints): angles of motors, then of links [rad], then their velocities [rad/s]."""
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
-        """Return the draws of the current episodes by quantity: (n, joints) for one value per joint, else (n,)."""
+        """Return the random quantities of the current episodes by name: (n, joints) if given per joint, else (n,)."""
 
         def rows(value: Any) -> Tensor:
             if isinstance(value, tuple):
@@ -235,7 +235,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         self._lanes = torch_step.Lanes(tuple(number.detach().clone() for number in numbers), key.clone(), step.clone())
 
     def _advance(self, torque: Tensor) -> Outcome:
-        """Hold torques (joints, n) for one control period."""
+        """Hold torques (joints, n) [N m] for one control period, and return the results of `step`."""
         if not self.differentiable:
             with torch.no_grad():
                 outcome: Outcome = self._take(self._shared, self._lanes, torque.detach().contiguous())
@@ -252,7 +252,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return observation.detach(), reward.detach(), terminated, truncated, info
 
     def _build(self, disturbance: Disturbance, own: Reference | None) -> Shared:
-        """Tabulate all episodes that the lanes may run."""
+        """Return the data of all episodes that may run; `own` is their reference, None if episodes draw references."""
         physics, payload, noise = equations_of(self.parameters), disturbance.payload, disturbance.encoder_noise
         one, drawn = np.zeros(1, dtype=np.int64), self.randomisation.references
         tables, _, places = tabulated([Scenario(disturbance, own)], [self.parameters], one, drawn, self.control_period)
@@ -301,7 +301,7 @@ def _real(action: Any) -> Any:
 
 
 def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the function compiled as one graph at its first call; RuntimeError there if no compiler is found."""
+    """Return `function`, compiled as one graph at its first call, which raises RuntimeError if no compiler is found."""
     # One kernel for the whole step: by default the compiler cuts it after 64 operations, and the arm's state goes
     # through memory at each cut.
     options: dict[str, Any] = {"max_fusion_size": 1_000_000, "guard_filter_fn": torch.compiler.skip_all_guards_unsafe}

@@ -1,4 +1,4 @@
-"""``FuzzyArmLearn-v0`` in torch tensors."""
+"""The learning task ``FuzzyArmLearn-v0`` as a batch of arms in torch tensors."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
         self._seen = torch.empty(0)  # the last observations (n, 5 joints), from the first reset on
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return arguments, lanes and their memory."""
+        """Return what pickle stores: the arguments, and the state, memory and last observations of the lanes."""
         return {**super().__getstate__(), "remembered": (self._memory, self._seen)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Rebuild the batch and restore the lanes."""
+        """Rebuild the batch from the stored arguments, and restore its lanes from `state`."""
         super().__setstate__(state)
         self._memory, self._seen = state["remembered"]
 
@@ -78,7 +78,7 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
         return self._shown(self._seen), info
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
-        """Hold the torques of `action` (n, joints) in [-1, 1] for 2 ms; larger ones are clipped."""
+        """Hold `action` (n, joints), fractions of the torque limits within ±1, for 2 ms; see `TorchFuzzyArm.step`."""
         given = torch.as_tensor(action, dtype=self.dtype, device=self.device).clip(-1.0, 1.0)
         torque = given * self._scale if given.shape[-1:] == self._scale.shape else given  # which super().step refuses
         after, _, terminated, truncated, info = super().step(torque)
@@ -104,5 +104,5 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
 
 
 def _parts(observation: Tensor) -> Observation:
-    """Return the parts of observations (n, 5 joints), a tensor (n,) for each joint."""
+    """Split observations (n, 5 joints) into parts, such as the motor angles: tuples with a tensor (n,) per joint."""
     return Observation(*(tuple(part.unbind(-1)) for part in observed(observation)))

@@ -194,7 +194,7 @@ class Training:
             raise OSError(error.errno, text, error.filename or str(self.folder)) from None
 
     def _after_update(self, learned: dict[str, float]) -> None:
-        """Write the row of an update, with an evaluation and a checkpoint if they are due."""
+        """Write the learning curve's row with the values `learned` of an update; evaluate and save where due."""
         steps, config = self.algorithm.steps, self.config
         before = self.rows[-1]["steps"] if self.rows else 0
         row: dict[str, Any] = {"steps": steps, **learned}
@@ -270,7 +270,7 @@ def _envs_of(config: TrainingConfig) -> StableBaselinesVecEnv:
 
 
 def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
-    """Return the default largest actions (joints,): shifts of 0.01 rad with a base, else the torque limits [N m]."""
+    """Return the default largest actions (joints,): 0.01 rad for a policy with a base, else torque limits [N m]."""
     return (0.01,) * joints_of(arm) if base else tuple(per_joint_of(arm, "torque_limit").tolist())
 
 

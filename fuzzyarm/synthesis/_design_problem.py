@@ -121,7 +121,7 @@ class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
 
 
 def structure_of(specification: Specification) -> Specification:
-    """Return a specification's structure; for one arm, all specifications with it can share a compiled problem."""
+    """Return the specification with fixed numbers for its given limits; equal results can share a compiled problem."""
     values = {"alpha": 1.0, "gamma": 1.0, "gain_bound": 1.0, "fastest_pole": 2.0}
     given: dict[str, Any] = {name: one for name, one in values.items() if getattr(specification, name) is not None}
     return dataclasses.replace(specification, **given)
@@ -238,17 +238,17 @@ class DesignProblem:
 
     @property
     def P(self) -> Any:
-        """P (n, n), block diagonal."""
+        """The matrix P (n, n) in SI units as a cvxpy expression, block diagonal."""
         return cp.multiply(self._c * self._units["P"], self._P)
 
     @property
     def M(self) -> Any:
-        """M (N, N_e, 2, n_e)."""
+        """The matrices M_jk (N, N_e, 2, n_e) in SI units as a cvxpy expression."""
         return cp.multiply(self._c * self._units["M"], self._M)
 
     @property
     def gamma2(self) -> Any:
-        """γ², [(rad/(N m))²] in the consistent form; constant where γ is given."""
+        """γ² as a cvxpy expression, [(rad/(N m))²] in the consistent form; constant where γ is given."""
         given = self.specification.gamma
         return cp.Constant(given**2) if given else self._gamma2 / self._c
 
@@ -477,7 +477,7 @@ class DesignProblem:
         return unit[:, np.newaxis] * F * unit, U @ F @ U.T
 
     def _expanded(self, letter: str, F: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the full X = S_b X_b S_bᵀ + ε S_a S_aᵀ and Q = S_b Q_b + S_a (N P - ε S_aᵀ), and τ.
+        """Return the full Q = S_b Q_b + S_a (N P - ε S_aᵀ) and X = S_b X_b S_bᵀ + ε S_a S_aᵀ, and τ, in SI units.
 
         After the congruence, the rows ẋ_a have the diagonal block -2εI and are coupled only to w, through D_a. They
         reduce the margin of the rows w by D_aᵀ D_a / 2ε, which is half of the margin of R < 0 there if

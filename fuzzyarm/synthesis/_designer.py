@@ -79,7 +79,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
 
 
 def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Design:
-    """Return the design of an open problem; see `DesignProblem.solve`."""
+    """Solve a problem that the user may have changed, and return the proven design; see `DesignProblem.solve`."""
     installed = cp.installed_solvers()
     if solver not in installed:
         raise ValueError(f"solver = {shown(solver)} is not installed; installed: {listed(installed)}")
@@ -112,7 +112,7 @@ def _proven(
     package: str = "clarabel",
     problem: DesignProblem | None = None,
 ) -> Design:
-    """Return the design of a point; DesignFailed states by how much its proof fails, and contains the problem.
+    """Return the design of a point; DesignFailed states by how much the proof fails, and contains the problem.
 
     The other arguments are those of `to_controller`.
     """

@@ -56,10 +56,10 @@ def half(lower: list[list[Any]]) -> Any:
 
 
 def positive(half_matrix: Any, margin: float = 0.0) -> Any:
-    """Return the constraint F + Fᵀ >= `margin` I on each matrix of a stack; cvxpy reads the symmetric part of 2F."""
+    """Return the constraint F + Fᵀ >= `margin` I on each F of a stack; cvxpy reads the symmetric part of 2F."""
     return 2.0 * half_matrix - margin * np.eye(half_matrix.shape[-1]) >> 0
 
 
 def negative(half_matrix: Any, margin: float = 0.0) -> Any:
-    """Return the constraint F + Fᵀ <= -`margin` I."""
+    """Return the constraint F + Fᵀ <= -`margin` I on each F of the stack `half_matrix`."""
     return positive(-half_matrix, margin)

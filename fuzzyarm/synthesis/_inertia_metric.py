@@ -88,7 +88,7 @@ class _Samples:
 
     @classmethod
     def of(cls, robot: Robot, split: int, count: int) -> _Samples:
-        """Return `count` samples of the robot's box."""
+        """Return `count` samples in the robot's ranges of angles, with the chain split behind link `split`."""
         n = len(robot)
         q = _angles_in(angle_ranges(robot), count, seed=0)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
@@ -105,7 +105,7 @@ class _Samples:
 
 
 def _twist_map(robot: Robot, q: np.ndarray, split: int) -> np.ndarray:
-    """Return J of `_Samples` (B, 6 + n - a, n) at angles (B, n) [rad]."""
+    """Return J of `_Samples` (B, 6 + n - a, n) at angles (B, n) [rad], with a = `split`."""
     n = len(robot)
     links = frames(robot, q)
     back = np.swapaxes(links.rotation[..., split - 1, :, :], -1, -2)
@@ -167,7 +167,7 @@ def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
 
 
 def _lowest(*values: np.ndarray) -> frozenset[int]:
-    """Return the samples with the `_ADDED` smallest values in each array (B,)."""
+    """Return the indices of the samples with the `_ADDED` smallest values in each array (B,)."""
     return frozenset(int(k) for one in values for k in np.argsort(one)[:_ADDED])
 
 
@@ -241,7 +241,7 @@ class _Search:
             self.inertia, self.kappa = best.inertia, best.kappa
 
     def scheduled(self) -> np.ndarray:
-        """Return M̂ (B, n, n) at all samples."""
+        """Return the scheduled inertia M̂ (B, n, n) at all samples, in the scaled coordinates."""
         return np.asarray(np.tensordot(self.weights, self.inertia, axes=1))
 
     def rate(self, slope: np.ndarray) -> float:
@@ -250,7 +250,7 @@ class _Search:
         return 0.5 * float(np.abs(relative(change, hat)).max())
 
     def blended(self, end: _Search, share: float) -> _Search:
-        """Return a copy with S_r, D_low and D_high moved by a share towards those of another search."""
+        """Return a copy with S_r, D_low and D_high moved by the fraction `share` towards those of the search `end`."""
         other = copy.copy(self)
         other._proposal = [old + share * (new - old) for new, old in zip(end._proposal, self._proposal, strict=True)]
         other.kappa = other._settled()
@@ -318,7 +318,7 @@ class _Search:
         return np.asarray(np.linalg.eigvalsh(scheduled)[:, 0])
 
     def _times_units(self, weights: np.ndarray) -> np.ndarray:
-        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ weights_r S_r by the entries of S_r."""
+        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ weights_r S_r with respect to the entries of S_r."""
         shape = len(weights), self.weights.shape[1] * len(self.units), self.size, self.size
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
@@ -410,7 +410,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
         distal, scale = TrigMatrix(inertia_polynomial(robot, split, n)), 1.0 / np.sqrt(np.diag(unit))
 
         def gap(bound: np.ndarray, sign: float) -> float:
-            """Return the smallest eigenvalue of sign (D - bound) in `unit`, at most 0."""
+            """Return the smallest eigenvalue of `sign` times (D - `bound`) in `unit`, at most 0."""
 
             def least(q: np.ndarray) -> np.ndarray:
                 scaled = sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale

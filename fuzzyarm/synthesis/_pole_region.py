@@ -2,9 +2,9 @@
 
 A region is the set of z with R + z S + z* Sᵀ < 0, for R symmetric and S of the same size s: a half plane to the left of
 -α (R = 2α, S = 1), a sector |Im z| < -t Re z (R = 0, S = [[t, 1], [-1, t]]), a disc of radius r about -q (R = [[-r, q],
-[q, -r]], S = [[0, 1], [0, 0]]). With F_ijk = A_i P + B M_jk, the Kronecker product ⊗, slack variables Q and X of this
-inequality and symmetric multipliers Θ_l, every pole of every frozen loop lies in the region if Π_iik < 0 and
-Π_ijk + Π_jik < 0 for i < j and all k, where
+[q, -r]], S = [[0, 1], [0, 0]]). With the matrices of `proof._theorems`, F_ijk = A_i P + B M_jk, the Kronecker
+product ⊗, slack variables Q and X of this inequality and symmetric multipliers Θ_l, every pole of every frozen loop
+lies in the region if Π_iik < 0 and Π_ijk + Π_jik < 0 for i < j and all k, where
 
             | R⊗P + He((S⊗I) Q_ij)                     ⋆                                  ⋆    |
     Π_ijk = | I⊗F_ijk - (I⊗E_k) Q_ij + X_ijᵀ (S⊗I)ᵀ    -He((I⊗E_k) X_ij) + Σ Θ_l⊗H_lᵀH_l  ⋆    |

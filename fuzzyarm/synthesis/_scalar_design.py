@@ -1,6 +1,7 @@
 """Feedback k of a scheduled controller from the inequalities of its certificate, with 1/(α + μ) as unit of time.
 
-There is a solution for every β above (3κ - 2)(α + μ). Towards this limit γ grows without bound.
+There is a solution for every bound β on the fastest pole above (3κ - 2)(α + μ); towards this limit, the bound γ on the
+L2 gain grows beyond all limits. The symbols are those of `ScheduledController`.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def smallest_pole(kappa: float, rate: float) -> float:
 
 
 def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | None:
-    """Return the feedback with the smallest γ for κ, a = α + μ = `rate` [1/s] and β [1/s]; None if none was found."""
+    """Return the feedback with the smallest γ for κ, α + μ = `rate` and β = `fastest_pole` [1/s]; None if not found."""
     problem = _compiled(threading.get_ident())
     asked, found = problem.param_dict, problem.var_dict
     asked["share"].value, asked["pole"].value = 1.0 / kappa, (1.0 - _STRICT) * fastest_pole / rate
@@ -82,7 +83,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
 
 
 def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | None:
-    """Return the feedback with γ <= `gamma` [s²] and the smallest bound on the fastest pole; None if none was found."""
+    """Return the feedback with γ <= `gamma` [s²] and the smallest bound on the fastest pole; None if not found."""
     lowest, best = smallest_pole(kappa, rate), None
 
     def fails(pole: float) -> bool:
@@ -99,7 +100,7 @@ def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | No
 
 
 def _holds(found: Feedback, kappa: float, rate: float) -> bool:
-    """Return whether all inequalities hold in floating point; the proof is in `scheduled_certificate`."""
+    """Return whether a feedback meets all inequalities in floating point; for the proof: `scheduled_certificate`."""
     P, matrices = np.linalg.inv(found.X), [found.X]
     m = found.k[np.newaxis] @ P
     for share in (1.0 / kappa, 1.0):

@@ -73,7 +73,7 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return the n_l that makes H R and W T (σ W T for E) equally large; in the paper's form W also acts on x_r."""
+    """Return the n_l at which H R and W T (σ W T for E) are equally large; in the paper's form W also acts on x_r."""
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):
         reads.append((term.W if term.on == "A" else term.W @ data.A_r) * state)

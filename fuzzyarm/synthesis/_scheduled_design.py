@@ -157,7 +157,7 @@ def _chosen(
 def _controller(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float, alpha: float
 ) -> ScheduledController:
-    """Return the controller for a decay rate α [1/s] and a metric with bounds widened by the share `widening`."""
+    """Return the controller for a decay rate α [1/s] and a metric with bounds widened by the fraction `widening`."""
     inertia = (1.0 - widening) * metric.inertia
     kappa = _rounded(metric.kappa * (1.0 + 2.0 * widening), math.ceil)
     floor = _rounded(metric.floor * (1.0 - 3.0 * widening), math.floor)
@@ -204,7 +204,7 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
 
 
 def _rounded(value: float, towards: Callable[[float], int], digits: int = 5) -> float:
-    """Return a positive number rounded to few digits, up or down."""
+    """Return a positive number rounded to `digits` digits, up or down as `towards` (ceil or floor) says."""
     scale = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
     return float(f"{towards(value * scale) / scale:.{digits}g}")
 

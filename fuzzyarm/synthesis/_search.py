@@ -41,7 +41,7 @@ _LIMITS = {
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, or why there is no point; with `vertex`, only for that vertex of A.
+    """Return the point of a specification, or a `NoPoint` that says why; with `vertex`, only for that vertex of A.
 
     The scales of V are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a cone
     program that minimises γ² would be too badly scaled, since d and r differ by decades.
@@ -89,7 +89,7 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
 
 
 def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> DesignProblem:
-    """Return the compiled problem of a structure, with the parameters of a specification."""
+    """Return the compiled problem of a specification, with its parameters set; `factor` is relative to V's unit."""
     problem = _compiled(structure_of(specification), arm, vertex, threading.get_ident())
     problem.ask(specification, factor)
     return problem
@@ -97,7 +97,7 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
 
 @functools.lru_cache(_KEPT)
 def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> DesignProblem:
-    """Return a problem of a structure; each thread has its own, since it sets the parameters and reads the point."""
+    """Return the problem of a structure; each thread has one, since it sets the parameters and reads the point."""
     return DesignProblem(structure, arm, vertex=vertex)
 
 

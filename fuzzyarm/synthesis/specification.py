@@ -33,12 +33,12 @@ class Specification:
         form: "consistent" or "paper" (theorems 1 and 2).
         alpha: decay rate [1/s], in `controller.RATES`; None for the largest one, which requires gamma and gain_bound.
         gamma: bound on the L2 gain, in `controller.GAINS`; [rad/(N m)] in the consistent form.
-        gain_bound: bound on the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1 in scaled units, so
-            that joint 1's position gain stays below the bound, and the other gains in proportion to their units.
+        gain_bound: bound on the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1, see `_scaling`. So
+            joint 1's position gain stays below the bound, and the other gains in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: whether all dropped premises of A share one multiplier, as printed in Theorem 2; otherwise
             each has its own.
-        feedforward: L of the paper's form as a share in [0, 1] of the consistent form's L. All shares need the same
+        feedforward: L of the paper's form as a fraction in [0, 1] of the consistent form's L. All need the same
             gains within 0.3 %, so the default is the smallest. With None, the solver chooses a far too large L.
         fastest_pole: upper bound β [1/s] on the decay rate, so that the real part of every pole of the frozen rigid
             loop lies between -β and -alpha; None for no bound. Consistent form only.

@@ -1,4 +1,4 @@
-"""PPO from stable-baselines3: its settings, its presets and its share of a training run.
+"""PPO from stable-baselines3: its settings, its presets and its part in a training run.
 
 The settings have the names used by `stable_baselines3.PPO`. torch and stable-baselines3 are imported only when a
 training run begins, so that settings and presets can be read without them.
@@ -103,7 +103,7 @@ _LOGGED = {
 
 
 class _PPOAlgorithm:
-    """PPO during a training run, see `_Algorithm`."""
+    """The algorithm PPO during a training run; for its methods see `fuzzyarm.rl_baselines.algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: StableBaselinesVecEnv) -> None:
         import torch
@@ -147,7 +147,7 @@ class _PPOAlgorithm:
         return int(self.model.num_timesteps)
 
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
-        """Continue to the end; see `_Algorithm.learn`."""
+        """Continue until `total_timesteps` steps are done; see `_Algorithm.learn`."""
         from stable_baselines3.common.callbacks import BaseCallback
 
         algorithm, begun = self, self.steps
@@ -202,7 +202,7 @@ class _PPOAlgorithm:
         )
 
     def state(self) -> dict[str, Any]:
-        """Return networks, optimiser, last features, counters and latest episodes."""
+        """Return networks, optimiser, counters, latest episodes, last features and episode starts, by name."""
         model = self.model
         return {
             "policy": model.policy.state_dict(),

@@ -1,1 +1,1 @@
-"""Training of `learned-observer`: regression on a teacher that knows plant and load, while the student drives."""
+"""Training of `learned-observer`: the student network drives arms and learns from a teacher that knows the load."""

@@ -10,7 +10,7 @@ In a quarter of the draws all lanes have the known arm. A load is a payload at t
 with v the velocity of the tip and Q a rotation by zero (along the course) or by any angle (across it). Pushes have any
 direction in which the tip can move, in the plane or in space; Q turns in that plane, or in space about any axis.
 Forces, payloads and small courses are those for the arm of Table 1 times the factors of `signals.scale_of`: for a
-robot, forces and payloads use the same share of a motor's torque limit along its default course, and lengths scale with
+robot, forces and payloads use the same part of a motor's torque limit along its default course, and lengths scale with
 the reach. Encoders are noisy in half of the lanes, in half of these very little; torques are delayed in a quarter of
 the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again,
 because infeasible motions teach nothing.
@@ -45,14 +45,14 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 __all__ = ["Courses", "TravelForce", "draw_courses"]
 
 _FAMILY = 256  # references from which lanes draw
-_CIRCLES, _RESTS = 0.25, 0.16  # shares of lanes on the default reference and almost at rest
-KNOWN = 0.25  # share of the draws in which all lanes have the known arm
+_CIRCLES, _RESTS = 0.25, 0.16  # fractions of the lanes on the default reference and almost at rest
+KNOWN = 0.25  # fraction of the draws in which all lanes have the known arm
 _SMALLEST, _LARGEST = 5e-4, 5e-3  # m, radii of the small circles for the arm of Table 1
 _STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, largest force and payload for the arm of Table 1
 _FADES = 5e-3, 0.1  # m/s, range of v_0
 _LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
 _TRIES = 100  # draws per lane, after which the motors count as too weak for the loads
-_BEARABLE, _INSTANTS = 0.9, 120  # largest share of the torque limits; instants at which it is checked
+_BEARABLE, _INSTANTS = 0.9, 120  # largest part of the torque limits; number of instants checked
 _NOISIEST, _LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
 _PLANE = 2  # directions in which the tip of a planar robot can move
@@ -60,7 +60,7 @@ _PLANE = 2  # directions in which the tip of a planar robot can move
 
 @dataclasses.dataclass(frozen=True)
 class TravelForce:
-    """The force of the module's docstring, at a fixed angle to the direction of travel."""
+    """The force -f(t) Q v / max(|v|, v_0) with f(t) = f_0 (1 + a sin(ω t + φ)), for a tip with the velocity v."""
 
     level: float  # f_0 [N]
     swing: float  # a
@@ -80,7 +80,7 @@ class TravelForce:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Courses:
-    """The drawn plants, loads, sensors and references of lanes."""
+    """Simulated arms, the lanes, with their randomly drawn plants, loads, sensors and references."""
 
     lanes: Lanes  # the arms
     start: np.ndarray  # (lanes, 4 n) initial states; nan: at rest on the reference
@@ -90,7 +90,7 @@ class Courses:
 
 
 def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Generator) -> Courses:
-    """Draw `count` lanes for a control period [s]; ValueError if the motors are too weak for their loads."""
+    """Draw `count` lanes with the control period `period` [s]; ValueError if the motors are too weak for the loads."""
     scenarios = _draw_scenarios(arm, count, generator)
     drawn = find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm)
     lanes = Lanes(
@@ -146,7 +146,7 @@ def _family(arm: AnyArm) -> tuple[Reference, ...]:
 def _force(
     span: np.ndarray, axes: int, duration: float, scale: float, generator: np.random.Generator
 ) -> TipForce | None:
-    """Return a random force or None; it acts in the span of orthonormal rows (·, 3), cut to `axes` entries."""
+    """Return a random force (axes,) in the span of orthonormal rows (·, 3), or None; `scale` is 1 for Table 1."""
     kind = generator.random()
     if kind < 0.15:
         return None
@@ -175,9 +175,9 @@ def _direction(span: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 
 
 def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tuple[tuple[float, ...], ...]:
-    """Return Q = cos φ 1 + sin φ [a]× + (1 - cos φ) a aᵀ, (axes, axes).
+    """Return the rows of a random rotation Q = cos φ I + sin φ [a]× + (1 - cos φ) a aᵀ, (axes, axes).
 
-    φ is 0 or any angle; a is the normal of the spanned plane, or any direction in space.
+    φ is 0 or any angle; a is the normal of the plane that `span` spans, or any direction in space.
     """
     angle = 0.0 if generator.random() < 0.7 else generator.uniform(-math.pi, math.pi)
     a = _direction(span, generator) if len(span) > _PLANE else np.cross(*span)
@@ -187,7 +187,7 @@ def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tu
 
 
 def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
-    """Return a slow course of millimetres: a circle at 0.45 to 0.85 of the reach, or a spline for a robot."""
+    """Return a slow motion over millimetres: a circle at 0.45 to 0.85 of the reach, or a spline for a robot."""
     if isinstance(arm, Robot):
         return _small_spline(arm, generator)
     reach, nearest = sum(arm.length), abs(arm.length[0] - arm.length[1])
@@ -199,7 +199,7 @@ def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
 
 
 def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
-    """Return a spline of millimetres from a posture of the robot's family to two nearby postures and back."""
+    """Return a spline over millimetres, from a posture of a random reference to two nearby postures and back."""
     family = _family(robot)
     course = family[int(generator.integers(len(family)))]
     assert isinstance(course, SplineReference)
@@ -212,7 +212,7 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
 
 
 def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal robot follows a reference under a load within `_BEARABLE` of its limits."""
+    """Return whether the rigid nominal robot follows a reference under a load with at most 0.9 of its torque limits."""
     time = np.linspace(0.0, reference.duration, _INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")
@@ -224,7 +224,7 @@ def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturba
 
 
 def _rest(arm: AnyArm, reference: Reference) -> np.ndarray:
-    """Return the nominal arm's state at rest at the beginning of a reference (4 n,) [rad, rad/s]."""
+    """Return the state (4 n,) [rad, rad/s] of the nominal arm at rest at the beginning of a reference."""
     q = reference.sample(0.0).q
     still = np.zeros(len(q))
     weight = gravity(arm, q) if isinstance(arm, Robot) else rigid_inverse_dynamics(q, still, still, arm_constants(arm))

@@ -19,11 +19,11 @@ __all__ = ["Chunk", "Drive"]
 
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 _LATEST = 4  # sent torques that are kept for the delay
-_RESTARTS = 0.5  # share of the lanes that restart with each chunk, since the onset of a load is hardest
+_RESTARTS = 0.5  # fraction of the lanes that restart with each chunk, since the onset of a load is hardest
 
 
 class Chunk(NamedTuple):
-    """A chunk of experience for learning."""
+    """A chunk of experience for learning; the symbols are those of `laws.learned.estimate.network`."""
 
     z: torch.Tensor  # (steps, lanes, size of z)
     c: torch.Tensor  # (steps, lanes, size of c)
@@ -33,13 +33,13 @@ class Chunk(NamedTuple):
     memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step
 
     def window(self, segment: int, steps: int) -> Chunk:
-        """Return `steps` steps from the beginning of a segment."""
+        """Return the part of `steps` steps that begins with the segment number `segment`, see `SEGMENT`."""
         where = slice(SEGMENT * segment, SEGMENT * segment + steps)
         return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 
 
 class Drive:
-    """Lanes that a student drives, chunk by chunk; the generator draws noise and plants.
+    """The lanes of `courses`, driven by the student, chunk by chunk; the generator draws noise and plants.
 
     Attributes:
         lost: number of episodes that ended before the end of their reference.
@@ -59,7 +59,7 @@ class Drive:
         self.lost, self.error = 0, 0.0
 
     def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
-        """Drive the lanes for `steps` control periods; some lanes restart."""
+        """Return a chunk of `steps` control periods, driven by `policy`; before it, half of the lanes restart."""
         self._begins |= self._generator.random(self._lanes.count) < _RESTARTS
         self._restart()
         count, limit, part = self._lanes.count, self._limit, policy.seen
@@ -82,7 +82,7 @@ class Drive:
         return Chunk(*map(_as_tensor, (seen[:, :, part.z], seen[:, :, part.c], rho, free, begins, np.array(memory))))
 
     def _read(self) -> np.ndarray:
-        """Return the observation (lanes, 5 n) with encoder noise."""
+        """Return the latest observation (lanes, 5 n) with encoder noise."""
         read = self._observation.copy()
         measured = 2 * len(self._limit)
         unit = np.repeat(NOISE, len(self._limit)) * self._generator.standard_normal((len(read), measured))
@@ -90,7 +90,7 @@ class Drive:
         return read
 
     def _late(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torques (lanes, n) [N m] that reach the motors: the sent torques with each lane's delay."""
+        """Send torques (lanes, n) [N m]; return those that reach the motors now, after the delay of each lane."""
         self._sent = np.concatenate([torque[np.newaxis], self._sent[:-1]])
         self._sent[1:, self._begins] = torque[self._begins]
         delay, lane = self._courses.delay, np.arange(len(torque))
@@ -100,7 +100,7 @@ class Drive:
         return arrived
 
     def _step(self, torque: np.ndarray) -> float:
-        """Advance all lanes, restart ended episodes, and return the mean squared tip error [m²]."""
+        """Hold torques (lanes, n) [N m] for a step, restart ended episodes; return the mean squared tip error [m²]."""
         observation, _, scalars = self._lanes.step(torque)
         self._observation = observation.copy()
         self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)

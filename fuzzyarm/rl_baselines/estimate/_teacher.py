@@ -61,7 +61,7 @@ class Teacher:
         return wanted
 
     def beliefs(self) -> np.ndarray:
-        """Return z (lanes, size of z) with the true values of all entries except the force."""
+        """Return the adaptive observer's beliefs (lanes, states and parameters), true in all entries but the force."""
         s = self._settings
         p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]
@@ -78,7 +78,7 @@ class Teacher:
         return np.stack(np.broadcast_arrays(*flat(plant), self._payload), axis=-1)
 
     def _force(self, ahead: int) -> np.ndarray:
-        """Return the tip force (lanes, axes) [N] some control periods from now, within the episode."""
+        """Return the tip forces (lanes, axes) [N] `ahead` control periods from now, a time clipped to the episode."""
         clock, lanes = self._lanes.clock, self._lanes
         rows = lanes.table[np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
         mean, change = np.split(rows[:, self._force_at], 2, axis=1)
@@ -87,7 +87,7 @@ class Teacher:
 
     @functools.cached_property
     def _acting(self) -> Kernel:
-        """The kernel of the law on true beliefs; its ports: memory, observation, truth, known force and torque."""
+        """The compiled law, a function of memory, observation, true beliefs and known forces, which fills a torque."""
         physics, settings, joints = self._physics, self._settings, self._physics.joints
 
         def act_on_truth(

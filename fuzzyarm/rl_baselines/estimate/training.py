@@ -4,8 +4,8 @@ A gradient step lowers the mean over a window of
 
     √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
 
-with ρ* the teacher's torque minus u_b, in units of R. A training run takes minutes and cannot be resumed; the same
-seed gives the same network on the same machine.
+with ρ the student's residual torque and ρ* the teacher's torque minus the base torque u_b, in units of R, and s = 0.02.
+A training run takes minutes and cannot be resumed; the same seed gives the same network on the same machine.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ _NEWEST = 3  # one gradient step in this many uses the newest chunk
 
 
 class _Student(torch.nn.Module):
-    """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
+    """The network of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network` as a torch module.
 
-    h has `hidden` entries and tanh(P c) has `modulation`. V, G and D are initially zero, and thus so is the residual.
+    h has `hidden` entries and tanh(P c) has `modulation`. V, G and D are initially zero, and so is the residual torque.
     """
 
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
@@ -72,7 +72,7 @@ class _Student(torch.nn.Module):
     def forward(
         self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ρ before clipping (steps, lanes, n) and h⁺ (steps, lanes, hidden); see `Chunk` for the shapes."""
+        """Return residual torques ρ, unclipped, and memories h⁺ (steps, lanes, hidden); arguments as in `Chunk`."""
         # Tensors are split before the loop: the gradient of an index in the loop would be as large as the whole tensor.
         n: Any = self  # its arrays by name
         gates = (z @ n.gate_z.T + c @ n.gate_c.T + n.gate_bias).unbind()
