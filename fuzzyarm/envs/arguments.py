@@ -157,7 +157,7 @@ def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
 
 
 def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
-    """Return initial states (lanes, 4 × joints), see `initial_state`; `given` is one for all lanes or one per lane."""
+    """Return initial states (lanes, 4 × joints) [rad, rad/s]; `given` is one for all lanes or one for each lane."""
     states = real_numbers("initial_state", given)
     numbers = size(equations_of(plants[0]).State)
     one, all_lanes = (numbers,), (lanes, numbers)
