@@ -64,19 +64,19 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
 
 
 def given(options: object, config: type) -> dict[str, Any]:
-    """Return the fields of a configuration that were set on the command line, by name."""
+    """Return by name the values of those fields of the dataclass `config` that were set on the command line."""
     values = {field.name: getattr(options, field.name, None) for field in dataclasses.fields(config)}
     return {name: value for name, value in values.items() if value is not None}
 
 
 def chosen(options: object, start: _Config) -> _Config:
-    """Return a configuration with the fields set on the command line; ValueError if it refuses a value."""
+    """Return `start` with the fields that were set on the command line; ValueError if its class refuses a value."""
     changed: _Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
     return changed
 
 
 def arguments_of(options: Any) -> str:
-    """Return the positional arguments of a command as its usage shows them, by their metavars."""
+    """Return the positional arguments of a command's usage line, such as "NAME [FILE]", from its `Options` class."""
     hints = typing.get_type_hints(options, include_extras=True)
     fields = [field for field in dataclasses.fields(options) if not field.kw_only]
     shown = ((field, hints[field.name].__metadata__[0].metavar) for field in fields)
@@ -95,7 +95,7 @@ def shown_default(value: Any) -> str | None:
 
 
 def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
-    """Return the annotated type of the option that sets a field, with its help."""
+    """Return the annotated type of the option that sets a field, from the field's type `hint` and the help `text`."""
     default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
     shown = "off" if default is False else shown_default(default)
     parameter = Parameter(
@@ -110,7 +110,7 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
 
 
 def _placeholder(hint: Any) -> str:
-    """Return the placeholder of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
+    """Return the placeholder in the help for values of a type, such as ``LOW HIGH`` for a named pair (low, high)."""
     given_types = [one for one in typing.get_args(hint) if one is not types.NoneType]
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return "|".join(map(_placeholder, given_types))

@@ -39,7 +39,7 @@ def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
 
 
 def check_writable(folder: Path, *, make: bool = False) -> None:
-    """Raise UsageError before anything is computed if no temporary file can be written to a folder."""
+    """With `make`, make the folder; raise UsageError if no file can be written to it, before anything is computed."""
     try:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
 
 
 def stopped(command: str, out: Path, error: BaseException) -> int:
-    """Print why a command ended early and how to continue it; return the exit code."""
+    """Print why a command ended early and how to continue it; return its exit code: 130 if interrupted, else 1."""
     interrupted = isinstance(error, KeyboardInterrupt)
     reason = "interrupted" if interrupted else error
     say(f"fuzzyarm {command}: {reason}; finished work is kept: continue with --resume --out {out}", error=True)

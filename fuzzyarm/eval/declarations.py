@@ -1,4 +1,4 @@
-"""The declarations of policies in results files, see `policies.declared`, and which user code may run."""
+"""What policies declare about themselves in results files, see `policies.declared`; and which user code may run."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ ROW = ("policy", *HEADINGS)
 def declarations_of(
     specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], arm: AnyArm, passes: int = 1
 ) -> dict[str, Declared | None]:
-    """Return the declaration of each loaded policy by label; see `declared`."""
+    """Return by label what each loaded policy declares about itself, see `declared`; None: nothing."""
     return {label: declared(spec, policies[label], passes, arm) for label, spec in specs.items()}
 
 
 def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict[str, str] | None]:
-    """Return declarations in the form used by results files."""
+    """Return declarations by label as results files contain them: mappings of texts, or None."""
     return {label: None if own is None else own._asdict() for label, own in found.items()}
 
 
@@ -46,7 +46,7 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
 
 
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the `named` policies that are neither user code among `policies` nor the new path of one of them.
+    """Return the `named` policies that are neither user code among a file's `policies` nor the new path of one of them.
 
     ValueError, with a message that begins with `place`, unless all user code among `policies` is `named`: a file alone
     runs no code.
@@ -63,7 +63,7 @@ def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list
 
 
 def declared_cells(own: Declared | None) -> tuple[str, ...]:
-    """Return the table cells of a declaration, in the order of `HEADINGS`."""
+    """Return the table cells of a declaration, in the order of `HEADINGS`; "not declared" in each for None."""
     return ("not declared",) * len(HEADINGS) if own is None else own
 
 

@@ -113,7 +113,7 @@ class Engine:
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
-        """Choose joblib's backend for the block; yield the number of workers and the errors raised when one dies."""
+        """Choose joblib's backend for the block; yield the number of workers and the types of error when one dies."""
         from joblib import parallel_config
 
         if self.backend == "local":
@@ -145,7 +145,7 @@ class Engine:
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:
-    """Return work and additions, pickled once; each piece unpickles its own copy and so shares no state."""
+    """Return `work` and all objects added by name, pickled once; each piece of work unpickles its own copy."""
     import cloudpickle  # type: ignore[import-untyped]
 
     try:
@@ -159,7 +159,7 @@ def _pickled(work: Callable[[int], Any]) -> bytes:
 
 
 def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
-    """Run pickled work for a number in a worker; unpickling may import modules from `paths`."""
+    """Unpickle a function in a worker and return (number, function(number)); its modules may be in `paths`."""
     sys.path += [path for path in paths if path not in sys.path]
     added, work = pickle.loads(content)
     Registry.adopt(added)

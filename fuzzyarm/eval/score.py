@@ -53,7 +53,7 @@ _PERIOD = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class _HeldOut:
-    """Held-out episodes: arm, reference, disturbance and group number of each."""
+    """Held-out episodes: the arm, the reference, the disturbance and the number of the group of each."""
 
     arms: tuple[ArmParameters, ...]
     references: tuple[Reference, ...]
@@ -81,7 +81,7 @@ class _Score:
 
 
 def _held_out(version: str = __version__, each: int = _EACH) -> _HeldOut:
-    """Return the set of a version, with `each` episodes in every group."""
+    """Return the held-out episodes of a version of the package, `each` of them in every group."""
     seed = int.from_bytes(hashlib.sha256(f"fuzzyarm {version} held-out".encode()).digest()[:8], "big")
     rng, arm = np.random.default_rng(seed), ArmParameters()
     family = reference_family(arm, 2 * each, seed=int(rng.integers(2**32)))
@@ -116,13 +116,13 @@ def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
 
 
 def closeness(error: np.ndarray) -> np.ndarray:
-    """Return 1 - ln(1 + d/s)/ln(1 + R/s) of tip errors d [m] (samples,), 0 where d > R; S is their mean."""
+    """Return 1 - ln(1 + d/s)/ln(1 + R/s) of tip errors d (samples,) [m], s = 10 µm, R = 0.2 m; 0 where d > R."""
     near = 1.0 - np.log1p(error / _RESOLUTION) / np.log1p(_LOST / _RESOLUTION)
     return np.where(error <= _LOST, near, 0.0)
 
 
 def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
-    """Return the score of a policy on a set."""
+    """Return the results of a policy in the held-out episodes `chosen`."""
     count = len(chosen.arms)
     envs = FuzzyArmVectorEnv(
         count, disturbance=chosen.disturbances, reference=chosen.references, parameters=chosen.arms, threads=1

@@ -133,7 +133,7 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
 
 
 def _margins(controller: Controller | ScheduledController, period: float, ends: dict[str, AnyArm]) -> str:
-    """Return in words the stability margins of the policy on the sampled elastic robot, and why any are missing."""
+    """Return in words the stability margins of a controller on its sampled elastic arm and on the arms in `ends`."""
     from fuzzyarm.eval.stability.margins import ends_in_words, ends_of, margins_in_words
     from fuzzyarm.eval.stability.sampled_design import why_unstable
     from fuzzyarm.policies import load_policy
@@ -149,7 +149,7 @@ def _margins(controller: Controller | ScheduledController, period: float, ends: 
 
 
 def _premise(text: str) -> Premise:
-    """Return the premise of a name such as "cos q2" or "sin 2q3"."""
+    """Return the premise variable that a text such as "cos q2" or "sin 2q3" names; UsageError for any other text."""
     import re
 
     from fuzzyarm.fuzzy_policy.scheduled import Premise

@@ -144,7 +144,7 @@ def _config(options: Options) -> EvaluationConfig:
 
 
 def _repeat(options: Options, recorded: Path) -> int:
-    """Repeat a recorded evaluation and compare its numbers; `policies` is the only other option allowed."""
+    """Repeat a recorded evaluation; return 1 if a number differs, else 0. Only the option `policies` is allowed."""
     from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 

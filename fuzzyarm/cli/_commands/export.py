@@ -82,7 +82,7 @@ class Options:
 
 
 def _problem(options: Options) -> Any:
-    """Return the problem that the options state for an automaton."""
+    """Return the proof problem, as of `fuzzyarm prove`, that the options state for the format automaton."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.policies.tip_bound import TipClaim, problem_of

@@ -94,7 +94,7 @@ class Options:
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:
-    """Write a motion to record; print its largest values and the limits of the arm."""
+    """Write a motion for the user to run and log; print its largest values beside the limits of the arm; return 0."""
     assert options.suggest is not None
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import suggested
@@ -117,7 +117,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
 
 
 def _pairs(option: str, text: str | None) -> dict[str, str]:
-    """Return the pairs of key=value,key=value; UsageError for any other text or a repeated key."""
+    """Return the values by key of an option KEY=VALUE,KEY=VALUE; UsageError for any other text or a repeated KEY."""
     pairs = [pair.partition("=") for pair in text.split(",")] if text is not None else []
     found = {key.strip(): value.strip() for key, _, value in pairs}
     if len(found) < len(pairs) or not all(key and value for key, value in found.items()):

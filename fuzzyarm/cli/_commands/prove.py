@@ -89,7 +89,7 @@ class Options:
 
 
 def _claim(options: Options) -> TipClaim:
-    """Return the claim to prove."""
+    """Return the claim about the tip error that the options state."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
     from fuzzyarm.policies.tip_bound import TipClaim, own_duration
@@ -111,7 +111,7 @@ def _claim(options: Options) -> TipClaim:
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
-    """Return the result by cells as plain data and as text; `NoBound` names the first cell without a bound."""
+    """Prove and return, as data and as text, a bound for each cell of the divided set; `NoBound` if a cell has none."""
     from fuzzyarm.common.arithmetic import at_most
     from fuzzyarm.common.checks import whole
     from fuzzyarm.envs.observation import JOINTS

@@ -37,7 +37,7 @@ class Options:
     """Print everything as JSON, with exact numbers"""
 
     def run(self) -> int:
-        """Print the sheet."""
+        """Print the law and the numbers of the policy."""
         from fuzzyarm.export.sheet import sheet_of
 
         if self.csv and self.json:
@@ -53,7 +53,7 @@ class Options:
 
 
 def loaded(name: str, robot: str | None) -> Policy:
-    """Return a policy by name for a robot; without a robot, a controller file for the arm that it was designed for."""
+    """Load the policy `name` for a robot; without one, a controller file is loaded for the arm of its design."""
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.scheduled import load_controller
     from fuzzyarm.policies import Kind, load_policy, resolve

@@ -66,7 +66,7 @@ class Options:
 
 
 def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
-    """Run the missing chunks and summarise; if an error occurs before the first result, remove the new sweep."""
+    """Run the missing chunks, print the summary, return the exit code; a new sweep that fails at once is removed."""
     from fuzzyarm.eval.sweep.summary import print_sweep
 
     try:

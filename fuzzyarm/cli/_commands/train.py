@@ -137,7 +137,7 @@ def train_with_progress(config: TrainingConfig, folder: Path) -> None:
 
 
 def _errors(row: dict[str, Any]) -> str:
-    """Return the largest tip errors of an evaluation by case; an empty string if the row has no errors."""
+    """Return as text the largest tip error [mm] of an evaluation in each case; an empty string if the row has none."""
     return ", ".join(
         f"{case} {row[f'{case}_max_mm']:.2f}"
         + ("" if row[f"{case}_share"] == 1.0 else f" (ended after {100 * row[f'{case}_share']:.0f} %)")
@@ -148,7 +148,7 @@ def _errors(row: dict[str, Any]) -> str:
 
 @contextlib.contextmanager
 def _training_libraries() -> Iterator[None]:
-    """Raise ValueError, with the install command, if torch or stable-baselines3 is missing in the block."""
+    """Raise ValueError, with the install command, if the block imports a library that is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -57,7 +57,7 @@ class Options:
 
 
 def _report_of(found: SecondCheck) -> tuple[bool, str, dict[str, Any]]:
-    """Return whether the second checker proves a bound, and its outcome as text and as plain data."""
+    """Return whether the second checker proves a bound, then its result as text and as plain data."""
     said = f"tip within {1.0005e3 * found.bound:.4g} mm" if found.proven else escaped(found.reason)
     verdict = f"{escaped(str(found.path))}: {found.verdict} by the second checker ({found.seconds:.1f} s)"
     data = {"file": str(found.path), "checker": "second", "verdict": found.verdict, "proven": found.proven}

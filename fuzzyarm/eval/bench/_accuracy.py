@@ -16,15 +16,15 @@ __all__ = ["exact_tips", "max_tip_difference", "stepped_tips"]
 
 
 def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
-    """Return the tip (n, 2) [m] after every control step of the environment with the given sub-step [s]."""
+    """Return the positions of the tip (n, 2) [m] after each control step of the environment with the sub-step [s]."""
     env = FuzzyArmEnv(case=case, substep=substep)
     return np.array([step.info["tip"] for step in episodes(env, policy, env.reset(seed=0))])
 
 
 def exact_tips(policy: Predictor, case: str) -> np.ndarray:
-    """Return the tip (n, 2) [m] after every control step, with the plant solved by `event_integrator`.
+    """Return the positions of the tip (n, 2) [m] after each control step, with the plant solved by `event_integrator`.
 
-    The tip force is a function of time. The policy acts on the states computed here. The run takes about ten seconds.
+    The tip force varies within a control step. The policy acts on the solved states. The run takes about ten seconds.
     """
     env, disturbance = FuzzyArmEnv(case=case), find_case(case).disturbance
     reference, period, tip_force = env.reference, env.control_period, disturbance.tip_force

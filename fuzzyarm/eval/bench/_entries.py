@@ -69,7 +69,7 @@ class Entry:
 
 
 def single_entries() -> list[Entry]:
-    """Return the entries with one environment, from `gymnasium.make`: this project's and its peers."""
+    """Return the entries that step one environment of `gymnasium.make`: this project's and its peers."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "Reacher-v5")):
@@ -124,7 +124,7 @@ def sweep_entries() -> dict[str, list[Entry]]:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance`, which returns its number of steps, until a given time has elapsed."""
+    """Return a function that repeats `advance`, which returns its step count, for a time [s] and returns steps/s."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0
@@ -138,7 +138,7 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
 
 
 def _timed_batch(envs: Any, space: gym.Space, lanes: int, scale: float) -> Measure:
-    """Return a function that steps all lanes with actions from the space of a lane times the factor `scale`."""
+    """Return a function that measures the steps/s of a batch; actions are drawn from a lane's space times `scale`."""
     ring = itertools.cycle(_draw_actions(space, 4, (lanes,), scale))
 
     def advance() -> int:
@@ -149,7 +149,7 @@ def _timed_batch(envs: Any, space: gym.Space, lanes: int, scale: float) -> Measu
 
 
 def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float) -> np.ndarray:
-    """Return actions (count, *lanes, *space.shape), uniform in the space times `scale`."""
+    """Return random actions (count, *lanes, *space.shape), drawn uniformly from the space times the factor `scale`."""
     assert isinstance(space, gym.spaces.Box)
     low, high = scale * space.low.astype(float), scale * space.high.astype(float)
     values = np.random.default_rng(0).uniform(low, high, (count, *lanes, *low.shape))
@@ -174,7 +174,7 @@ def _single_environment(name: str, scale: float) -> Iterator[Measure]:
 
 
 def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
-    """Return the batched environment made by `gymnasium.make_vec`, after a reset."""
+    """Return `lanes` environments FuzzyArm-v0 as one batch of `gymnasium.make_vec`, after a reset."""
     envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="vector_entry_point", threads=threads)
     envs.reset(seed=0)
     return envs

@@ -82,7 +82,7 @@ class BenchConfig:
         }
 
     def turns(self) -> int:
-        """Return how often `run_bench` reports progress."""
+        """Return the number of turns of all entries, which is how often `run_bench` calls `progress`."""
         groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
         return sum(len(group) * (self.rounds + 1) + 1 for group in groups) + 1
 
@@ -167,13 +167,13 @@ def _race(
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:
-    """Return median and quartiles."""
+    """Return the median, the lower and the upper quartile of the values as "median", "q1" and "q3"."""
     q1, median, q3 = statistics.quantiles(values, n=4, method="inclusive")
     return {"median": median, "q1": q1, "q3": q3}
 
 
 def _memory_per_lane() -> float:
-    """Return the memory that one more lane of the vector environment takes, with the results of a step [bytes]."""
+    """Return the memory [bytes] of each further lane of the vector environment, including the results of one step."""
 
     def traced(lanes: int) -> int:
         actions = np.zeros((lanes, 2), dtype=np.float32)
@@ -192,7 +192,7 @@ def _memory_per_lane() -> float:
 
 
 def _reason(error: Exception, extra: str) -> str:
-    """Return one line on why an entry was not measured, and which optional dependencies would help."""
+    """Return one line on why an entry was not measured; `extra` names the optional dependencies that would help."""
     if isinstance(error, ModuleNotFoundError):
         return f'{error.name} is not installed; run in the repository: pip install -c constraints.txt -e ".[{extra}]"'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -18,7 +18,7 @@ __all__ = ["draw_throughput", "print_speeds"]
 
 
 def _speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and the cells of each row."""
+    """Return the headings of the speed table, then a list with the cells of each of the document's `rows`, as text."""
     peers = list(dict.fromkeys(peer for row in rows for peer in row["ratios"]))
     headings = ["group", "entry", "lanes", "threads", "dtype", "steps/s [thousand]"]
     headings += [*(f"× {peer}" for peer in peers), "tip error [µm]"]
@@ -37,7 +37,7 @@ def _speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[s
 
 
 def _speed_notes(document: dict[str, Any]) -> list[str]:
-    """Return the notes below the table, a paragraph each."""
+    """Return the notes below the speed table, one string for each paragraph."""
     method, machine, versions = document["method"], document["machine"], document["versions"]
     notes = [
         f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
@@ -66,7 +66,7 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
 
 
 def _spread(values: dict[str, float], scale: float = 1.0) -> str:
-    """Return median and quartiles as text, with three digits of the median or all digits before its decimal point."""
+    """Return "median (q1-q3)" of the values times `scale`: three digits of the median, or whole numbers above 100."""
     scaled = [scale * values[key] for key in ("median", "q1", "q3")]
     decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
     median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)
@@ -74,7 +74,7 @@ def _spread(values: dict[str, float], scale: float = 1.0) -> str:
 
 
 def draw_throughput(document: dict[str, Any]) -> Figure:
-    """Return the figure: median and quartiles of the steps per second, both axes logarithmic."""
+    """Return the figure of steps per second over the number of lanes: medians and quartiles, on logarithmic axes."""
     curves: dict[str, list[tuple[int, dict[str, float]]]] = {}
     for row in document["sweep"]:
         if row["steps_per_s"]:

@@ -38,7 +38,7 @@ _LANES = 64  # episodes that are recorded simultaneously
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Episode:
-    """One episode of T steps."""
+    """One recorded episode of T control steps."""
 
     seed: int  # of the environment's reset
     observations: np.ndarray  # (T + 1, 10), the last one after the last step
@@ -59,7 +59,7 @@ def record(policy: Predictor, condition: Condition, count: int, seed: int, noise
 
 
 def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise: float) -> Iterator[_Episode]:
-    """Yield one episode for each lane of a batch."""
+    """Yield one episode for each lane of one batch; lane i is reset with seed + i."""
     envs, generator = FuzzyArmVectorEnv(lanes, **CONDITIONS[condition], threads=1), np.random.default_rng([seed, lanes])
     intended, actions = list[np.ndarray](), list[np.ndarray]()
 
@@ -87,8 +87,8 @@ def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise
 def score_of(recorded: Sequence[_Episode], condition: Condition) -> tuple[float, dict[str, float]]:
     """Return the score N of episodes with successive seeds, and the mean returns of `ANCHORS` in the same episodes.
 
-    N = 100 (S - S_c)/(S_o - S_c) as in `fuzzyarm.eval.score`, with S_c of computed-torque and S_o of learned-observer
-    without noise on the same arms, loads and paths: episodes of one condition differ in difficulty.
+    N = 100 (S - S_c)/(S_o - S_c) with the mean S of `fuzzyarm.eval.score`, S_c for computed-torque and S_o for
+    learned-observer, without noise on the same arms, loads and paths, because episodes differ in difficulty.
     """
     seed, count = recorded[0].seed, len(recorded)
     anchors = {name: list(record(load_policy(name), condition, count, seed)) for name in ANCHORS}
@@ -213,7 +213,7 @@ def provenance_of(dataset: Any) -> dict[str, Any]:
 
 
 def _buffer(number: int, episode: _Episode) -> Any:
-    """Return an episode in Minari's form."""
+    """Return an episode in Minari's form, with `number` as its id."""
     from minari.data_collector import EpisodeBuffer
 
     ended = [False] * (len(episode.rewards) - 1)

@@ -2,10 +2,10 @@
 
 A policy has beliefs if it has a method ``beliefs(state)``. Each of these attributes of the returned object is optional,
 and is kept only with its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes) [N], ``payload``
-(...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, by name (..., n).
+(...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, a mapping to (..., n).
 
 The object may also have ``diverged``, true once the estimate has diverged; ``at_end``, which maps the name of an
-estimate to whether it is at a limit of its range; and ``other_path``, true once the path has left the previous one.
+estimate to whether it is at a limit of its range; and ``other_path``, true once the path deviates from the last one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Believing:
     """A recorder of a policy's estimates after each of its actions."""
 
     def __init__(self, policy: Predictor) -> None:
-        """Begin with no samples of this policy."""
+        """Prepare to record the estimates of this policy."""
         self.names: tuple[str, ...] = ()  # of the columns of `rows`; empty before the first action or without beliefs
         self._beliefs = getattr(policy, "beliefs", None)
         self._rows: list[np.ndarray] = []
@@ -43,7 +43,7 @@ class Believing:
         self._at_last: list[str] = []  # the estimates at an end of their range in the last sample before a divergence
 
     def note(self, control_period: float) -> str:
-        """Return notes on events: another path, a divergence, estimates at the limits of their ranges."""
+        """Return text on the events so far: another path, a divergence, estimates at the limits of their ranges."""
         at = {name: f"{sample * control_period:.3f} s" for name, sample in (self._first | self._ends).items()}
         said = [text.format(at[name]) for name, text in _EVENTS.items() if name in self._first]
         ends = [
@@ -55,7 +55,7 @@ class Believing:
         return "; ".join(said)
 
     def rows(self) -> np.ndarray:
-        """Return the recorded values (samples, `names`), or `NO_BELIEFS` for a policy without beliefs.
+        """Return the recorded values (samples, columns `names`), or `NO_BELIEFS` for a policy without beliefs.
 
         A value that is not finite is replaced by nan, and so is every value after the filter diverges.
         """

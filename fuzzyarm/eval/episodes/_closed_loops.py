@@ -94,7 +94,7 @@ def _kernel_of(
     depth: int,
     scaled: bool,
 ) -> Kernel:
-    """Return the kernel of a law and of arms with the equations of `layout`; the delay is less than `depth` steps."""
+    """Return the kernel of a law, given by its parts, and the arms of `layout`; delays are less than `depth` steps."""
     physics = layout.physics
     PerJoint, joints = physics.PerJoint, physics.joints
     Row, command = row_record(joints, physics.axes), within_limits(Law(act, memory, constants), joints, integral_at)

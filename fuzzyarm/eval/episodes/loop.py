@@ -78,7 +78,7 @@ def episodes(
 
 
 def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return observation and info of a batch; where an episode ended, its last ones, not the next episode's."""
+    """Return observation and info of a batch; where an episode ended, its final ones, not the next episode's first."""
     final = info["final_info"]
     last = observation.copy()
     last[ended] = np.stack(info["final_obs"][ended])
@@ -99,12 +99,12 @@ class TipErrors:
     """
 
     def __init__(self, lanes: int) -> None:
-        """Begin with no steps."""
+        """Begin with no steps, for a batch of `lanes` lanes."""
         self.largest, self.squares, self.steps = np.zeros((3, lanes))
         self.completed = np.zeros(lanes, dtype=bool)
 
     def add(self, step: Step) -> None:
-        """Add the errors of a step."""
+        """Take account of the tip errors after one step, in the lanes whose episode had not ended."""
         error = np.where(step.running, step.info["tip_error"], 0.0)
         np.maximum(self.largest, error, out=self.largest)
         self.squares += error * error

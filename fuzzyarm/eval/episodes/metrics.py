@@ -60,7 +60,7 @@ _MOTOR_CIRCULARITY = (
 
 
 def _of_joint(joint: int) -> tuple[Metric, Metric]:
-    """Return the metrics of one joint, counted from 1."""
+    """Return the metrics of one joint, counted from 1: the peak and the root mean square of its motor torque."""
     peak, rms, of = f"torque_peak_{joint}", f"torque_rms_{joint}", f"motor torque of joint {joint}."
     return (
         Metric(peak, "N m", f"Largest {of}", lambda r: float(np.abs(r.torque).max(axis=0)[joint - 1]),
@@ -131,7 +131,7 @@ def columns() -> dict[str, list[Metric]]:
 
 
 def swept() -> dict[str, Metric]:
-    """Return the metrics of a sweep by `Metric.key`."""
+    """Return the metrics that sweeps compute, by `Metric.key`."""
     return {metric.key: metric for metric in METRICS.values() if metric.swept is not None}
 
 
@@ -164,7 +164,7 @@ def millimetres(length: float, form: Callable[[float], str] = "{:#.3g}".format) 
 
 
 def _middle(rollout: Rollout) -> np.ndarray:
-    """Return the tip error without the first and the last `_FRINGE` seconds, or all of it if nothing is left."""
+    """Return the tip error [m] without the first and last `_FRINGE` seconds, or all of it if nothing is left."""
     time = rollout.time
     inside = (time > _FRINGE) & (time <= time[-1] - _FRINGE)
     return rollout.tip_error[inside] if inside.any() else rollout.tip_error

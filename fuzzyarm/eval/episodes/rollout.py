@@ -64,7 +64,7 @@ class Rollout:
 
     @property
     def believed(self) -> dict[str, np.ndarray]:
-        """The columns of `beliefs` (n,) by name."""
+        """The columns of `beliefs`, each (n,), by name."""
         return dict(zip(self.belief_names, self.beliefs.T, strict=True))
 
 
@@ -121,7 +121,7 @@ def record_passes(
 
 
 def _recorded(env: FuzzyArmEnv, acting: Predictor, memory: Any, *, seed: int, **named: Any) -> tuple[Rollout, Any]:
-    """Return an episode that starts with the policy state `memory`, and the final state."""
+    """Run one episode from the policy state `memory` (None: a new one); return the episode and the final state."""
     believing, steps = Believing(acting), list[Step]()
     for step in episodes(env, acting, env.reset(seed=seed), memory=memory):
         believing.add(step.memory)
@@ -178,7 +178,7 @@ def run_episode(
 
 
 def _domain_use(signals: Mapping[str, np.ndarray], arm: AnyArm) -> np.ndarray:
-    """Return the largest share of the joint box (25) in use, (n,)."""
+    """Return the fraction (n,) of the joint box (25) in use: the largest over all joint angles and velocities."""
     low, high, velocity, _ = bounds_of(arm)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     shares = [

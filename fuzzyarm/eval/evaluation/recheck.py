@@ -75,7 +75,7 @@ def recheck_results(
 
 
 def _check_files(results: Results, names: Sequence[str]) -> None:
-    """Check that the files of every policy are still those that were evaluated."""
+    """Raise ValueError if the files of a policy are no longer those that were evaluated."""
     for label, spec in resolve_all(names, run_code=True).items():
         then, now = results.made_with["policy_files"][label], spec.files()
         changed = {file for file in then.keys() | now.keys() if then.get(file) != now.get(file)}
@@ -87,7 +87,7 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
 
 
 def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
-    """Return all compared values by (place, name)."""
+    """Return the values of an evaluation that are compared, by place and name as in `_Difference`."""
     flat: dict[tuple[str, str], Any] = {}
     not_compared = {"case", "policy", "seed", *(name for name, metric in METRICS.items() if not metric.reproducible)}
     for row in evaluation.rows:
@@ -99,7 +99,7 @@ def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
 
 
 def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return a note on each commit, processor or version that differs from the one in the file."""
+    """Return a note on each of commit, processor and versions that differs between the file and this process."""
     made = {
         "commit": (then["commit"], now["commit"]),
         "processor": (then["machine"]["cpu"], now["machine"]["cpu"]),

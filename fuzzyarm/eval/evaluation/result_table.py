@@ -28,7 +28,7 @@ _Row = Mapping[str, Any]  # of metrics
 
 
 def by_case_and_policy(rows: Sequence[_Row]) -> dict[str, dict[str, list[_Row]]]:
-    """Return the rows of each case by policy, one for each seed."""
+    """Return the rows by case and by policy; each list has a row for each seed."""
     groups: dict[str, dict[str, list[_Row]]] = {}
     for row in rows:
         groups.setdefault(row["case"], {}).setdefault(row["policy"], []).append(row)
@@ -47,7 +47,7 @@ def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the cell of some metrics in some runs; a metric of one joint stands for all joints."""
+    """Return the cell of `metrics` under one heading, over several seeds; a metric of one joint stands for all."""
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
     names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]
@@ -83,7 +83,7 @@ def print_results(evaluation: Evaluation, console: Console) -> None:
 
 
 def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
-    """Return the cell of each policy in a case."""
+    """Return by policy the cell with its rms and largest tip error in one case, from its rows."""
     lost = {policy: sum(map(is_lost, runs)) for policy, runs in group.items()}
     rms, largest = (
         {policy: float(median(run[f"tip_error_{kind}_mm"] for run in runs)) for policy, runs in group.items()}
@@ -101,7 +101,7 @@ def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
 
 
 def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
-    """Return the stored bounds [mm] of policies whose files match the proof, for the paper's arm and circle."""
+    """Return the stored tip bounds [mm] of policies with the proven files; {} unless arm and circle are the paper's."""
     config, files = evaluation.config, evaluation.made_with["policy_files"]
     if config.arm != ArmParameters() or (config.path, config.points, config.control_period) != ("circle", None, 1e-3):
         return {}

@@ -100,7 +100,7 @@ class _Bounds:
 
 @dataclasses.dataclass(frozen=True)
 class _Document:
-    """The keys of the file and their types."""
+    """The keys of ``results.json`` and the types of their values."""
 
     schema: str
     config: EvaluationConfig
@@ -154,7 +154,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
 
 
 def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
-    """Check that a row belongs to an episode (case, policy, seed) and that its metrics are numbers."""
+    """Raise an error unless a row belongs to an episode (case, policy, seed) and its metrics are numbers."""
     if missing := [name for name in _NEEDED if name not in row]:
         raise ValueError(f"a row of its results lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)

@@ -238,13 +238,13 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] = lambda: No
 
 
 def _saturated(rollouts: Sequence[Rollout], name: str, arm: AnyArm) -> float:
-    """Return the share of a policy's steps with a motor at its torque limit."""
+    """Return the fraction [1] of a policy's control steps in which a motor is at its torque limit."""
     limit = bounds_of(arm).torque
     return float(np.mean(np.concatenate([(abs(r.torque) >= limit).any(axis=1) for r in rollouts if r.policy == name])))
 
 
 def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:
-    """Return the row of an episode; with several passes, also the tip errors of each pass."""
+    """Return the row of results of an episode; with several passes, it also has the tip errors of each pass."""
     row = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")}
     row |= metrics_of(run) | ({"note": run.note} if run.note else {})
     if len(passes) > 1:

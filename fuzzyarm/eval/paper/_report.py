@@ -125,7 +125,7 @@ class _Comparison:
 
 
 def compare(evidence: Evidence, stored: _Numbers | None) -> _Comparison:
-    """Measure every claim; compare it with the stored numbers, or with itself, for storing, if these are None."""
+    """Measure the numbers of every claim and compare them with the stored ones; with themselves if `stored` is None."""
     measured = {claim.key: claim.measured(evidence) for claim in CLAIMS}
     return _Comparison(measured, measured if stored is None else stored, current_provenance())
 
@@ -142,7 +142,7 @@ _LEGEND = (
 
 
 def _outcome(comparison: _Comparison) -> list[str]:
-    """Return how many numbers have drifted, which sets the exit code, and how many agree with the paper."""
+    """Return two sentences: how many numbers drifted, which sets the exit code, and how many agree with the paper."""
     judged = [value for value in comparison.values if value.agrees is not None]
     others = dict.fromkeys(value.claim.key for value in judged if not value.agrees)
     return [
@@ -154,7 +154,7 @@ def _outcome(comparison: _Comparison) -> list[str]:
 
 
 def print_report(comparison: _Comparison, console: Console) -> None:
-    """Print the tables and the reasons."""
+    """Print the tables of the claims, the reasons for differences, and how many numbers have drifted or agree."""
     for sheet in _tables(comparison):
         sheet.print(console)
     reasons = (f"({number}) {reason}" for reason, number in _REASONS.items())
@@ -163,7 +163,7 @@ def print_report(comparison: _Comparison, console: Console) -> None:
 
 
 def _tables(comparison: _Comparison) -> list[Sheet]:
-    """Return a table for each group of claims; except for the statements, claims of a group share their labels."""
+    """Return a table for each group of claims; each label is a column, except in the table of statements."""
     sheets = []
     for group, title in _GROUPS.items():
         found = [(claim, comparison.measured[claim.key]) for claim in CLAIMS if claim.group == group]
@@ -176,7 +176,7 @@ def _tables(comparison: _Comparison) -> list[Sheet]:
 
 
 def _row(claim: Claim, values: Mapping[str, float], together: bool) -> list[str]:
-    """Return the cells of a claim, with our values `together` in one cell, or in one cell each."""
+    """Return the cells of a claim's row, with all our values in one cell if `together`, else with one cell for each."""
     ours = {label: _number(value) + "*" * bool(claim.agrees(label, value)) for label, value in values.items()}
     papers = dict.fromkeys(map(claim.papers_number, values))
     cells = [
@@ -190,7 +190,7 @@ def _row(claim: Claim, values: Mapping[str, float], together: bool) -> list[str]
 
 
 def _number(value: float) -> str:
-    """Return a number with four digits; between 1000 and a million, with all digits before the decimal point."""
+    """Return a number as text with four significant digits; between 1000 and a million, as a whole number."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 

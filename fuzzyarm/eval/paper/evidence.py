@@ -114,12 +114,12 @@ class Evidence:
     # Measures of the reference and of the cases.
 
     def tip_speed(self) -> dict[str, float]:
-        """Return the reference's largest |ṗ| [m/s]."""
+        """Return the largest speed |ṗ| of the tip on the reference [m/s]."""
         velocity = self.reference.tip(self._time).velocity
         return {"reference": float(np.linalg.norm(velocity, axis=-1).max())}
 
     def rigid_torque(self) -> dict[str, float]:
-        """Return the largest |Γ| [N m] of (4) along the reference: rigid joints, viscous and Stribeck friction."""
+        """Return the largest |Γ| [N m] of each joint on the reference by (4): rigid, with viscous and dry friction."""
         parameters, motion = self.reference.parameters, self.reference.sample(self._time)
         coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)
         slip = stribeck_magnitude(motion.dq, DryFriction(coulomb, static, parameters.stribeck_velocity))
@@ -130,7 +130,7 @@ class Evidence:
         return {f"joint {number}": float(value) for number, value in enumerate(np.abs(torque).max(axis=0), start=1)}
 
     def force_range(self) -> dict[str, float]:
-        """Return the smallest and largest f_e [N] over the motion, at a tip speed of 1 m/s, without fading."""
+        """Return the smallest and the largest machining force f_e [N] over the motion, at a tip speed of 1 m/s."""
         force, time = CASES["machining"].disturbance.tip_force or MachiningForce(), self._time
         size = np.linalg.norm(force.at(time, np.tile([1.0, 0.0], (len(time), 1))), axis=-1)
         return {"smallest": float(size.min()), "largest": float(size.max())}
@@ -149,7 +149,7 @@ class Evidence:
         return {"fewest rules": min(proven, default=0), f"proven of {len(_WITNESSES)} witnesses": len(proven)}
 
     def unbounded_gain(self) -> dict[str, float]:
-        """Return the largest entry of K of the design without the bound (24); 0 if its file is not proven."""
+        """Return the largest |entry| of K of the design without the bound (24); 0 if its file is not proven."""
         proven = _HIGH_GAIN in self.proven
         return {"4 rules": _peak(self.witnesses[_HIGH_GAIN].gains[..., states.PLANT]) if proven else 0.0}
 
@@ -163,15 +163,15 @@ class Evidence:
         return result
 
     def largest_gain(self, columns: str) -> dict[str, float]:
-        """Return the largest entry of K̄ = [K H] of the printed forms in the columns of that name in `states`."""
+        """Return the largest |entry| of [K H] of the printed forms in the columns that have this name in `states`."""
         return {key: _peak(one.gains[..., getattr(states, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:
-        """Return the largest entry of L of the printed forms, and of the one with the L of the consistent form."""
+        """Return the largest |entry| of L in the printed forms, and in that which takes L from the consistent form."""
         return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, _SWAPPED)}
 
     def gamma_with(self) -> Mapping[str, float]:
-        """Return `smallest_gamma` [1]."""
+        """Return, by the source of another L, the smallest γ [1] at which the printed form with that L is proven."""
         return self.smallest_gamma
 
     def decay_rate(self) -> dict[str, float]:
@@ -207,7 +207,7 @@ class Evidence:
         return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
 
     def worst_case(self, side: str) -> dict[str, float]:
-        """Return the largest circularity error of Case 2 divided by that of Case 3."""
+        """Return, for each controller, its largest circularity error in Case 2 divided by that in Case 3."""
         second, third = (self.circularity(case, side, "largest") for case in ("machining", "payload"))
         return {key: second[key] / third[key] for key in TITLES}
 
@@ -226,7 +226,7 @@ class Evidence:
         return {key: _peak(self.rollouts[key, "nominal"].torque[:, int(joint) - 1]) for key in TITLES}
 
     def shortest_episode(self) -> dict[str, float]:
-        """Return the shortest duration [s] of the episodes of the three cases; the reference's unless one left (25)."""
+        """Return the shortest duration [s] of the three cases' episodes; the reference's unless the arm left (25)."""
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:
@@ -246,7 +246,7 @@ def _peak(values: np.ndarray) -> float:
 
 
 def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
-    """Run every controller in the paper's cases and prove the witnesses; call `progress` after each run and proof."""
+    """Run all controllers in the paper's cases and prove the witnesses; call `progress` after each of these."""
     policies, reference, rollouts = _compared_policies(), JointReference(), {}
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)
@@ -263,7 +263,7 @@ def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
 
 
 def _prove_witnesses(progress: Callable[[], None]) -> tuple[dict[str, Controller], frozenset[str]]:
-    """Return the witnesses by name, and the names of those that are proven; `progress` is called after each."""
+    """Return the controllers of the files `_WITNESSES` and `_HIGH_GAIN` by name, and the names of the proven ones."""
     witnesses, proven = {}, set()
     for name in (*_WITNESSES, _HIGH_GAIN):
         witnesses[name] = Controller.load(_CONTROLLERS / f"{name}.json")

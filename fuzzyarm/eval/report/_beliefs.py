@@ -33,7 +33,7 @@ _UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3
 
 
 def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return the section of the page on beliefs: a figure for each case and policy with beliefs; empty without any.
+    """Return the page's section on estimates: a figure for each case and policy that has them; empty without any.
 
     A figure shows the first episode; notes on all episodes of this policy in this case follow. `cases` give the true
     loads.
@@ -58,7 +58,7 @@ def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
 
 
 def _chart(run: Rollout) -> str:
-    """Return the SVG of the forces of an episode; an empty string if the policy estimates no force."""
+    """Return the SVG of the estimated and true size of the tip force; an empty string without an estimate of it."""
     believed = run.believed
     forces = [name for name in believed if re.fullmatch("force_[xyz]", name)]
     size, deviation = (
@@ -92,7 +92,7 @@ def _chart(run: Rollout) -> str:
 
 
 def _table(run: Rollout, loads: Disturbance) -> str:
-    """Return the table of the last estimates and the true values under these loads, without forces."""
+    """Return the HTML table of the last estimates, except forces, and the true values under these loads."""
     believed, joints = run.believed, run.torque.shape[1]
     parts: dict[str, list[str]] = {}
     for name in believed:
@@ -122,7 +122,7 @@ def _table(run: Rollout, loads: Disturbance) -> str:
 
 
 def _truth(part: str, loads: Disturbance, time: float) -> str:
-    """Return the true value of an estimated part at a time [s] under these loads, on the arm that the policy knows."""
+    """Return as text the true value of the estimate `part` at a time [s] under these loads, on the policy's own arm."""
     if part == "payload":
         return f"{loads.payload.mass:g}"
     if part == "offset" and loads.torque_bias is not None:

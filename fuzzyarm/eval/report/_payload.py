@@ -26,7 +26,7 @@ _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 def replay_data(stored: Evaluation) -> dict[str, Any]:
     """Return policies, arm, cases and the runs of the first seed, as plain data for JSON.
 
-    Arrays are base64 of little-endian float32. Every `stride`-th sample is embedded, and the last one of each episode.
+    Arrays are base64 of little-endian float32. With ``stride`` k, every k-th sample and the last are embedded.
     """
     seeds: dict[str, dict[str, list[Rollout]]] = {case: {} for case in stored.config.cases}
     for run in stored.rollouts:
@@ -60,7 +60,7 @@ def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
 
 
 def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
-    """Return the embedded signals of the first of these runs with different seeds, and the range of all tip errors."""
+    """Return the signals of the first of these runs, which differ in seed, and the range of the tip errors of all."""
     run = runs[0]
     signals = {  # deviation and bending, because differences of positions in float32 would not resolve micrometres
         "deviation": run.tip - run.tip_reference,
@@ -73,7 +73,7 @@ def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
 
 
 def _range(runs: Sequence[Rollout]) -> np.ndarray:
-    """Return the smallest and largest tip error (n, 2) [m] of the running episodes, at each sample of the first."""
+    """Return the smallest and largest tip error (n, 2) [m] of the runs not yet ended, at each sample of the first."""
     errors = np.full((len(runs), len(runs[0].time)), np.nan)
     for row, run in zip(errors, runs, strict=True):
         shared = min(len(row), len(run.time))

@@ -31,7 +31,7 @@ def _digits(value: float) -> str:
 
 
 def figure(title: str, content: str) -> str:
-    """Return a chart with its title above."""
+    """Return the HTML of a chart, `content`, with its title above it."""
     return f"<figure><figcaption>{escape(title)}</figcaption>{content}</figure>"
 
 

@@ -23,7 +23,7 @@ __all__ = ["checked_bounds", "statements", "tube_section"]
 
 
 def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapping[str, Any] | None]) -> str:
-    """Return a line for each certificate, which expands to its text, and the names of the policies without one.
+    """Return HTML: a line for each certificate, which expands to its text, and the names of the policies without one.
 
     `bounds` are the numerical bounds of the certificates; None where the claim is void along the reference.
     """
@@ -91,7 +91,7 @@ def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
 
 
 def _tube(check: BoundCheck, run: Rollout) -> str:
-    """Return the drawing of one tube, x to the right and y upwards."""
+    """Return the SVG of a proven tube around the path and of an episode in it, with x to the right and y upwards."""
     count = len(check.tip)
     path, tip = run.tip_reference[:count], run.tip[:count]
     along = np.gradient(path, axis=0)
@@ -119,7 +119,7 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
 
 
 def _share(share: float) -> str:
-    """Return the bar of the largest tip error as a share of the bound."""
+    """Return the SVG of a bar that shows the fraction `share` of the bound that the largest tip error reaches."""
     room, words = _SIZE - _PERCENT, f"{100.0 * share:.3g} % of the bound"
     return (
         f'<svg class="chart share" role="img" viewBox="0 0 {_SIZE:g} 18"><title>largest tip error: {words}</title>'

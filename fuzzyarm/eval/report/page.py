@@ -75,7 +75,7 @@ def _render_page(stored: Evaluation, tubes: str = "") -> str:
 
 
 def _headline(ranked: Sequence[Standing], config: EvaluationConfig) -> str:
-    """Return a sentence on the best policies and those that lost the path, and the rule; `ranked` is best first."""
+    """Return text on the best policies, those that lost the path, and the rule of ranking; `ranked` is best first."""
     best = [one.policy for one in ranked if one.score and one.order == ranked[0].order]
     lost = [one.policy for one in ranked if one.score is None]
     if not best:

@@ -14,7 +14,7 @@ _GROWTH = 1e-6  # tolerance of a spectral radius above 1: a memory that keeps it
 
 
 def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) -> str | None:
-    """Return a line on a policy if a motor is often at its torque limit, or if its loop is unstable at rest.
+    """Return a line on a policy if a motor is often at its torque limit or its loop is unstable at rest, else None.
 
     The loop is linearised as in `_linearisation`: at rest, in postures of the arm's default path.
 

@@ -60,7 +60,7 @@ _GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
 
 
 class GainLimits(NamedTuple):
-    """Factors on the loop gain below and above 1 between which a loop is stable; nan if unstable with its own gain."""
+    """Factors on the loop gain, around 1, between which a loop is stable; both nan if unstable at the factor 1."""
 
     lower: float  # 0 where there is no limit within `GAIN_SPAN`
     upper: float  # inf where there is no limit within `GAIN_SPAN`
@@ -81,9 +81,9 @@ class LocalLoop:
     torque: np.ndarray  # at the equilibrium [N m], (r,)
 
     def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
-        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, (N, N) with N = n + m + ⌈d⌉ r.
+        """Return the map (N, N) of the n plant states, m entries of memory and ⌈delay⌉ r past torques over one period.
 
-        κ is `loop_gain` [1] and d is `delay`, a multiple of 0.5 [samples].
+        `loop_gain` [1] is a factor on the torques, and `delay` [samples] is a multiple of 0.5.
         """
         n, columns = len(self.plant), self.law.shape[1]
         inputs = self.plant.shape[1] - n
@@ -100,13 +100,13 @@ class LocalLoop:
 
 
 def largest_radius(loops: Sequence[LocalLoop], loop_gain: float = 1.0, delay: float = 0.0) -> float:
-    """Return max |λ| over loops, for κ = `loop_gain` and d = `delay` [samples]."""
+    """Return the largest spectral radius of the loops, for a factor `loop_gain` [1] and an extra delay [samples]."""
     # One by one: where a learned law saturates, less of its memory is read, and the matrix is smaller.
     return max(float(np.abs(np.linalg.eigvals(loop.matrix(loop_gain, delay))).max()) for loop in loops)
 
 
 def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> GainLimits:
-    """Return the loop gains around κ = 1, common to all motors, between which every loop is stable."""
+    """Return the factors on the gain of all motors between which every loop is stable, for an extra delay [samples]."""
 
     def stable(loop_gain: float) -> bool:
         return largest_radius(loops, loop_gain, delay) < 1.0
@@ -146,7 +146,7 @@ class Linearisable(Predictor, Protocol):
 def linearise_path(
     policy: Linearisable, parameters: AnyArm, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
-    """Return the loops of a policy at `POSTURES` instants of the default reference of a plant.
+    """Return the loops of a policy at `POSTURES` instants of the default reference of the arm `parameters`.
 
     `predict` takes batches, in double precision; its state is an array or None. The plant carries `payload`, by default
     nothing; the control period is in s.
@@ -171,7 +171,7 @@ def linearise_at(
 ) -> tuple[LocalLoop, np.ndarray]:
     """Return the loop at one posture (r,) [rad], and the law's derivative (r + m, r) w.r.t. the reference angles.
 
-    The other arguments and the errors are those of `linearise_path`.
+    The memory has m entries. The other arguments and the errors are those of `linearise_path`.
     """
     arm = _FrozenArm(policy.without_dry_friction(), parameters, posture, control_period, payload)
     loop = _linearise(arm, posture)
@@ -201,7 +201,7 @@ def _linearise(arm: _FrozenArm, posture: np.ndarray) -> LocalLoop:
 
 
 def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> LocalLoop | None:
-    """Return the loop at the equilibrium found by Newton's method from a point; None if there is none."""
+    """Return the loop at the equilibrium near `posture` that Newton's method finds from a point; None if it fails."""
     for _ in range(_NEWTON_STEPS):
         loop, kept = arm.linearise(point)
         if not np.isfinite(loop.law).all():
@@ -219,7 +219,7 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step, shortened until the residual falls; networks may require this."""
+    """Return the point after a Newton step of its `kept` entries, shortened until the residual falls."""
 
     def unrest(at: np.ndarray) -> float:
         return float(np.linalg.norm((arm.advance(at) - at)[kept]))
@@ -259,7 +259,7 @@ class _FrozenArm:
         self.q_motor, self.dq_motor = at.motor, at.motor_velocity
 
     def start(self) -> np.ndarray:
-        """Return a first guess: motors and links at the posture, the memory after the first call of an episode."""
+        """Return a first guess: the arm at the posture, the memory after one call; settled if a torque is clipped."""
         posture = self.reference[: self.joints]
         plant = np.concatenate([posture, posture, np.zeros(self.states - 2 * self.joints)])
         point = np.append(plant, self._act(plant[np.newaxis])[0, self.next_memory])
@@ -288,24 +288,24 @@ class _FrozenArm:
         return LocalLoop(plant, np.full_like(plant, np.nan), law[np.ix_(rows, kept)], point, torque), kept
 
     def plant_over(self, duration: float, point: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """Return [A B] of the plant over a duration [s] around a point and a torque (n,) [N m], (n, n + r)."""
+        """Return [A B] (n, n + r) of the plant over a duration [s] around a point and a torque (r,) [N m]."""
         held = np.append(point[self.plant], torque)
         steps = np.append(np.full(self.states, _PLANT_STEP), np.full(self.joints, _TORQUE_STEP))
         return _differences(partial(self._move, duration), held, steps)
 
     def advance(self, point: np.ndarray) -> np.ndarray:
-        """Return `point` one control period later."""
+        """Return the point that the loop reaches from `point` in one control period."""
         law = self._act(point[np.newaxis])[0]
         moved = self._move(self.period, np.append(point[self.plant], law[self.torque])[np.newaxis])[0]
         return np.append(moved, law[self.next_memory])
 
     def act_after(self, point: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Return torques and next memory at a point, with the reference angles changed by `moved` (lanes, r) [rad]."""
+        """Return torques and next memory (lanes, r + m) at a point; `moved` (lanes, r) [rad] shifts the reference."""
         steps = np.pad(moved, ((0, 0), (0, len(self.reference) - self.joints)))
         return self._act(np.tile(point, (len(moved), 1)), steps)
 
     def _act(self, points: np.ndarray, moved: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return torques and next memory, (lanes, n + m); points without memory begin an episode."""
+        """Return torques and next memory (lanes, r + m) at points; points without memory begin an episode."""
         reference = np.tile(self.reference, (len(points), 1)) + moved
         observation = np.hstack([points[:, self.q_motor], points[:, self.dq_motor], reference])
         memory = points[:, self.memory] if points.shape[1] > self.states else None
@@ -318,7 +318,7 @@ class _FrozenArm:
         return torque if memory is None else np.hstack([torque, memory])
 
     def _move(self, duration: float, plant_and_torque: np.ndarray) -> np.ndarray:
-        """Return the plant states `duration` [s] later, (lanes, states)."""
+        """Return the plant states (lanes, n) after `duration` [s], from states and held torques (lanes, n + r)."""
         state, torque = np.split(plant_and_torque.T.copy(), [self.states])
         lanes = state.shape[1]
         arm, no_force = np.tile(self.arm, lanes), np.zeros((size(force_line(self.physics.axes)), lanes))

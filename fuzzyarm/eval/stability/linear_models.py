@@ -46,7 +46,7 @@ _FREQUENCIES = 1000  # of a Bode diagram, up to half the sampling rate
 
 
 class _StateSpace(NamedTuple):
-    """x⁺ = A x + B u, y = C x + D u."""
+    """A linear model in discrete time, x⁺ = A x + B u and y = C x + D u, with state x, input u and output y."""
 
     A: np.ndarray
     B: np.ndarray
@@ -71,7 +71,7 @@ class _StateSpace(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _LinearModels:
-    """A policy's loop at one posture, with r joints."""
+    """The linear models of a policy's loop at one posture of an arm with r joints."""
 
     posture: np.ndarray  # (r,) [rad]
     control_period: float  # [s]
@@ -86,11 +86,11 @@ class _LinearModels:
         return largest_radius([self.loop])
 
     def limits(self, delay: float = 0.0) -> GainLimits:
-        """Return the factors on the loop gain of all motors between which this loop is stable."""
+        """Return the factors on the loop gain of all motors between which this loop is stable; delay in samples."""
         return gain_limits([self.loop], delay)
 
     def one_motor(self, joint: int) -> _StateSpace:
-        """Return the open loop of one motor, with the loops of the others closed."""
+        """Return the open loop of one motor, counted from 0, with the loops of the others closed."""
         A, B, C, D = self.open_loop
         others = np.arange(B.shape[1]) != joint
         return _StateSpace(A - B[:, others] @ C[others], B[:, [joint]], C[[joint]], D[[joint]][:, [joint]])

@@ -83,7 +83,7 @@ class MarginsConfig:
 
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those in the folder if `robot` is
-            one of `fuzzyarm tune`, otherwise `ANY_ROBOT` for a robot and all named ones for a two-joint arm.
+            a folder of `fuzzyarm tune`, otherwise `ANY_ROBOT` for a robot and all named ones for a two-joint arm.
         robot: for both plant and policies, as for `chosen_arm`; None: Table 1.
         control_period: time between two actions [s].
     """
@@ -156,7 +156,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 
 
 def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
-    """Return the spectral radius [1] of a policy on each arm in `corners`, by its description; None without a loop.
+    """Return a policy's spectral radius [1] on each arm in `corners`, by the arm's description; None without a loop.
 
     The policy knows the arm's own values throughout. `corners` are the arms at the ends of ranges, see `corners_of`.
     The control period is in s.
@@ -254,7 +254,7 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
 
 
 def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and the cells, which are text; a dash where there is no number."""
+    """Return the headings of the table of margins, then the cells of each row as text; a dash if there is no number."""
     conditions = list(rows[0]["spectral_radius"])  # every row has the same ones
     headings = ["policy", *conditions, *(heading for heading, *_ in _LIMITS.values())]
     cells = [
@@ -273,7 +273,7 @@ def _radius_cell(radius: float | None) -> str:
 
 
 def margin_notes(document: dict[str, Any]) -> list[str]:
-    """Return the notes below the table, a paragraph each."""
+    """Return the notes below the table of margins, one string for each paragraph."""
     method, robot = document["method"], document.get("robot")
     path = "the paper's path" if robot is None else f"the default reference of {robot['name']}"
     notes = [
@@ -297,6 +297,6 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
 
 
 def print_margins(document: dict[str, Any], console: Console) -> None:
-    """Print the table and its notes."""
+    """Print the table of margins, from the document of `measure_margins`, and its notes."""
     Sheet(*margin_cells(document["rows"]), alarm="unstable").print(console)
     print_paragraphs(console, margin_notes(document))

@@ -1,4 +1,4 @@
-"""Designs with margins on the sampled elastic arm, and the parameters of an arm that deprive a design of them."""
+"""Designs with margins on the sampled elastic arm, and the changes of an arm that would give a design such margins."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class SweepResults:
 
 
 def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-    """Return the policy's reading: q + f (y - q) for the environment's reading y of q and noise factors f (lanes,)."""
+    """Return the observation with its encoder noise times `factor` (lanes,); `info` has the true motor states."""
     true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
     measured, result = slice(true.shape[1]), observation.copy()
     result[:, measured] = true + factor[:, np.newaxis] * (observation[:, measured] - true)
@@ -73,9 +73,9 @@ def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) ->
 
 
 class Delay:
-    """The torque that reaches the motors at control step k: u_max(k-d, 0), with torques u_k and delays d (lanes,).
+    """The torque that reaches the motors at control step k: u_max(k-d, 0), for commands u_k and delays d (lanes,).
 
-    Before the first step, while the arm is at rest, the first torque is assumed to have been commanded.
+    The first command u_0 is assumed to have been given before the first step as well, while the arm was at rest.
     """
 
     def __init__(self, delay: np.ndarray, joints: int) -> None:
@@ -112,7 +112,7 @@ def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: 
 
 
 def errors_step_by_step(plants: Plants, policy: Predictor) -> TipErrors:
-    """Return the tip errors of one episode in every lane of the plants."""
+    """Return the tip errors of one episode in every lane of the plants, computed step by step."""
     errors = TipErrors(plants.envs.num_envs)
     for step in _steps(plants, policy):
         errors.add(step)
@@ -120,7 +120,7 @@ def errors_step_by_step(plants: Plants, policy: Predictor) -> TipErrors:
 
 
 def errors_in_one_kernel(plants: Plants, policy: Predictor) -> TipErrors | None:
-    """Return the tip errors, computed by one kernel; None without a law or if a torque is not finite."""
+    """Return the tip errors, computed by one kernel; None if the policy has no law for it or a torque is not finite."""
     if not isinstance(policy, Policy) or (law := law_of(policy)) is None:
         return None
     (observation, info), channel = plants.begin(), plants.channel
@@ -143,7 +143,7 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
 
 
 def _steps(plants: Plants, policy: Predictor) -> Iterator[Step]:
-    """Run one episode in every lane of the plants, with the noise and the delay of each plant."""
+    """Yield the steps of one episode in every lane of the plants, with the noise and the delay of each plant."""
     noise, delay = plants.channel
     sense = None if noise is None else functools.partial(_noisy, noise)
     actuate = Delay(delay, plants.config.joints) if delay.any() else None

@@ -94,7 +94,7 @@ def _draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[
 
 
 def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return the share of plants at or below each error, one panel per case; bars are intervals of quantiles."""
+    """Return the figure of the fraction of plants at or below each error, by case; bars are intervals of quantiles."""
     figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
     panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
     share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]
@@ -126,7 +126,7 @@ def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, An
 
 
 def _map(config: SweepConfig, policy: str, cells: _Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
-    """Return the heat map of a policy, one panel per case; all policies share one scale of colours."""
+    """Return the heat map of a policy's `medians` [mm], one panel per case; all policies share the colour scale."""
     figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
     together = config.joints if config.grid else None

@@ -71,7 +71,7 @@ class Plants:
 
 
 def _cells(config: SweepConfig, members: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return the values (n,) that the grid sets, by quantity; the second axis varies fastest."""
+    """Return by quantity the values (n,) that the grid sets for the plants `members`; the last axis varies fastest."""
     cell, found = np.asarray(members) // config.plants, {}
     for axis in reversed(config.grid):
         found[axis.quantity] = axis.values[cell % axis.number]
@@ -119,7 +119,7 @@ def _environment(
 
 @dataclasses.dataclass(frozen=True)
 class _ScaledForce:
-    """A tip force times a factor."""
+    """The force `force` at the tip, times a factor."""
 
     force: TipForce
     factor: float

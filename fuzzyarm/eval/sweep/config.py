@@ -47,7 +47,7 @@ class _Axis(NamedTuple):
 
     @property
     def values(self) -> np.ndarray:
-        """The values (number,)."""
+        """The evenly spaced values (number,) of the quantity, from `low` to `high`."""
         return np.linspace(self.low, self.high, self.number)
 
 
@@ -141,7 +141,7 @@ class SweepConfig:
             choice("map", column, self.drawn().varying(self.joints) or ("none, because nothing varies; leave out map",))
 
     def drawn(self) -> Distribution:
-        """Return the distribution with `ranges`; quantities set by the grid keep their nominal values."""
+        """Return the distribution of the plants: `ranges` replace its own; quantities set by the grid are nominal."""
         changed: dict[str, Any] = {quantity: (low, high) for quantity, low, high in self.ranges}
         changed |= {axis.quantity: getattr(Distribution, axis.quantity) for axis in self.grid}
         return dataclasses.replace(DISTRIBUTIONS[self.distribution].scaled_to(self.arm), **changed)
@@ -168,16 +168,16 @@ class SweepConfig:
 
     @property
     def total(self) -> int:
-        """Number of plants."""
+        """Number of plants in the sweep, in all cells of the grid together."""
         return self.plants * math.prod(axis.number for axis in self.grid)
 
     @property
     def chunks(self) -> int:
-        """Number of chunks."""
+        """Number of chunks into which the plants are divided."""
         return -(-self.total // self.chunk)
 
     def members(self, number: int) -> range:
-        """Return the indices of the plants in a chunk."""
+        """Return the indices of the plants in the chunk `number`, counted from 0."""
         return range(number * self.chunk, min((number + 1) * self.chunk, self.total))
 
     @property
@@ -208,7 +208,7 @@ class SweepConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SweepConfig:
-        """Return the configuration of a `to_dict`; ValueError if a field is unknown, missing or of another type."""
+        """Return the configuration that `to_dict` wrote; ValueError for an unknown, missing or mistyped field."""
         missing = [field.name for field in dataclasses.fields(cls) if field.name not in values]
         if missing:
             raise ValueError(f"missing fields: {', '.join(missing)}")
@@ -231,7 +231,7 @@ class SweepConfig:
 
 
 def _rows(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return checked rows as records of a kind; TypeError for a row with too few or too many entries."""
+    """Return the `given` rows of the field `name` as checked records of type `kind`; TypeError for a wrong length."""
     fields = kind._fields  # type: ignore[attr-defined]
     rows: Any = given if isinstance(given, list | tuple) else [None]
     if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):

@@ -54,7 +54,7 @@ class Sweep:
     Attributes:
         folder: the folder of the sweep.
         config: its configuration.
-        specs: by label, the specs of its policies; user code that they name is permitted to run.
+        specs: by label, the specs of its policies, which permit the user code that they name to run.
         policies: by label, the policies loaded for its robot.
         digest: the digest of its identity.
     """
@@ -243,7 +243,7 @@ def _made_with() -> dict[str, str]:
 
 
 def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
-    """Return everything on which the results of a sweep depend, as data for JSON; the policies may run code."""
+    """Return everything on which the results of a sweep depend, as data for JSON; user code may run."""
     axes = 2 if config.robot is None else 3
     return {
         "config": _numbers(config.to_dict()),
@@ -254,12 +254,12 @@ def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[s
 
 
 def _digest_of(identity: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of an identity."""
+    """Return the SHA-256 of the identity of a sweep, see `_identity_of`."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 def _begun(document: Mapping[str, Any]) -> tuple[SweepConfig, dict[str, dict[str, Any]], str]:
-    """Return the configuration, the identity and its digest from the content of ``run.json``."""
+    """Return a sweep's configuration, identity and digest of the identity from the content of ``run.json``."""
     parts = {name: instance(name, document[name], dict) for name in ("config", "policies", "made_with", "cases")}
     config = SweepConfig.from_dict(parts["config"])
     return config, parts | {"config": _numbers(parts["config"])}, document["digest"]

@@ -99,7 +99,7 @@ def _worst(episodes: SweepResults, count: int) -> np.ndarray:
 
 
 def _quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
-    """Return `_QUANTILES` of values (n,), of which some may be infinite, with their confidence intervals."""
+    """Return the `_QUANTILES` of values (n,), by level, with confidence intervals; values may be infinite."""
     ordered = [value if math.isfinite(value) else None for value in np.sort(values).tolist()]
     ranks, *ends = _quantile_ranks(len(ordered))
     found = {f"{p:g}": {"value": ordered[rank]} for p, rank in zip(_QUANTILES, ranks, strict=True)}
@@ -111,7 +111,7 @@ def _quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
 
 @functools.cache
 def _quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks (3,) of `_QUANTILES` among `count` values, and (3,) of each end of their intervals, from 0."""
+    """Return the ranks (3,), from 0, of `_QUANTILES` among `count` values, of their lower and of their upper ends."""
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in _QUANTILES])
     if count == 1:
         return ranks, ranks, ranks
@@ -134,7 +134,7 @@ def _quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def print_sweep(document: dict[str, Any], console: Console) -> None:
-    """Print the rows of a summary with an explanation."""
+    """Print the document of `summarise` as a table of its rows, with an explanation."""
     config, terminal = document["config"], console.is_terminal
     # On a terminal each word of a heading has a line of its own; a number stays beside its unit.
     space = "\N{NO-BREAK SPACE}" if terminal else " "

@@ -80,7 +80,7 @@ _NOTE = (
 
 
 def find_adaptive(context: Context) -> Found:
-    """Return the weights of the adaptive observer of a two-joint arm."""
+    """Return the weights found for the adaptive observer of a two-joint arm, or the reason why there are none."""
     arm: ArmParameters = context.arm
     lawful = context.earlier.get(COMPUTED_TORQUE)
     omega = None if lawful is None or lawful.chosen is None else lawful.chosen["bandwidth"]
@@ -93,13 +93,13 @@ def find_adaptive(context: Context) -> Found:
 
 
 def _policy(arm: ArmParameters, bandwidth: float | None, weights: AdaptiveWeights) -> AdaptiveObserverPolicy:
-    """Return the policy; if its filter diverges, computed torque with this bandwidth (None: the default) takes over."""
+    """Return the policy; if its filter diverges, computed torque of this bandwidth [rad/s] (None: default) acts."""
     return AdaptiveObserverPolicy(arm, PERIOD, weights, TipPolicy(ComputedTorquePolicy(arm, PERIOD, bandwidth)))
 
 
 @functools.lru_cache(maxsize=1)
 def _objective_for(arm: ArmParameters, bandwidth: float | None) -> Costs:
-    """Return the objective [mm] of an arm, a function of logarithms (9,) in `_BOX`; arms are built once per process.
+    """Return the objective [mm] as a function of the logarithms (9,) of weights, see `_BOX`; its arms are built once.
 
     The objective is `_UNFIT` if there is no regulator for the weights. `bandwidth` [rad/s] is that of `_policy`.
     """
@@ -169,7 +169,7 @@ def _feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
 
 
 def _noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
-    """Return the largest tip error [mm] of the nominal arm without load, with encoder noise."""
+    """Return the largest tip error [mm] of the nominal arm, with encoder noise but no load; `_CAP` if it ends early."""
     env = gym.make("FuzzyArm-v0", disturbance=Disturbance(encoder_noise=_NOISE), parameters=policy.arm)
     steps = list(episodes(env, policy, env.reset(seed=_SEED)))
     return max(1e3 * float(step.info["tip_error"]) for step in steps) if steps[-1].completed else _CAP

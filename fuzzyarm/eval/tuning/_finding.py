@@ -64,7 +64,7 @@ _LARGEST = 2**18  # bytes of such a file
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """The outcome of one step."""
+    """The outcome of one step of a tuning: the parameters found for a policy."""
 
     schema: str
     arm_sha256: str  # `Robot.digest`

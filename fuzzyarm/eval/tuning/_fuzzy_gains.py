@@ -95,7 +95,7 @@ def find_gains(context: Context) -> Found:
 
 
 def _points_of(arm: ArmParameters, alpha: float) -> list[Specification]:
-    """Return the points of the grid for an arm and a decay rate [1/s], by ascending γ."""
+    """Return the points of the grid for an arm and a decay rate [1/s], as specifications of designs by ascending γ."""
     return [
         Specification(NAMED_RULES[RULES], alpha=alpha, gamma=gamma_for(arm, alpha, gamma), fastest_pole=pole)
         for gamma, pole in itertools.product(_GAMMAS, _POLES)
@@ -103,7 +103,7 @@ def _points_of(arm: ArmParameters, alpha: float) -> list[Specification]:
 
 
 def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
-    """Return the design for one point of the grid with the measurements of the rule; None without a design."""
+    """Return the measurements of the design for the specification `wanted`; None if there is no such design."""
     try:
         controller = design(wanted, arm, explain=False).controller
     except DesignFailed:
@@ -132,7 +132,7 @@ def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
 
 
 def _bears(measured: dict[str, float], allowed: float) -> bool:
-    """Return whether a design has the margins of the rule, for the largest spectral radius allowed."""
+    """Return whether a design with these measurements meets the rule; `allowed` is the largest spectral radius."""
     # An unstable loop has margins of nan, which no comparison passes.
     enough = all(measured[name] >= least for name, least in _LEAST.items())
     return enough and measured["radius_worst_condition"] <= allowed
@@ -147,7 +147,7 @@ def _equals_of(made: Sequence[_Made]) -> list[_Made]:
 
 
 def _equals_in_words(equals: Sequence[_Made]) -> str:
-    """Return a sentence on how the float part of the bound decided between equally good designs, the best first."""
+    """Return a sentence on how the deviation by friction decided between equally good designs, given best first."""
     if len(equals) == 1:
         return f"No other motor error is within {100 * WORTH:g} % of the smallest, so the bound was not needed."
     best, worst = (one.measured["tip_deviation_mm"] for one in (equals[0], equals[-1]))
@@ -169,7 +169,7 @@ def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: i
     With the closed loop x⁺ = Φ x + B w at a posture, where w is the friction of the motors held over a control period,
     |w| <= F_s, and J is the Jacobian of the tip, it is
 
-        max over directions d of Σ_k |dᵀ J Φ^k B| F_s.
+        max over unit vectors d of Σ_k |dᵀ J Φ^k B| F_s,  0 <= k < periods.
 
     It is the largest part of the proven bound of the set ``any-friction``, here at frozen postures and in floats. The
     loops must be stable, and the torque must depend on all of the policy's memory in each.
@@ -197,7 +197,7 @@ PROVEN_SETS = {
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the bounds of a policy by the names in `PROVEN_SETS`, and notes; None and a note where unproven."""
+    """Return a policy's tip bounds [mm] by the names in `PROVEN_SETS`, and notes; None and a note where unproven."""
     found: dict[str, float | None] = {}
     notes = []
     for name, (key, words) in PROVEN_SETS.items():

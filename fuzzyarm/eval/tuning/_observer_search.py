@@ -67,7 +67,7 @@ def find_observer(context: Context) -> Found:
 
 @functools.lru_cache(maxsize=1)
 def _objective_for(arm: ArmParameters) -> Costs:
-    """Return the objective [mm] of an arm, a function of logarithms (4,) in `_BOX`; arms are built once per process.
+    """Return the objective [mm] as a function of the logarithms (4,) of weights, see `_BOX`; its arms are built once.
 
     The objective is `_UNFIT` or more if a condition is not met.
     """
@@ -100,7 +100,7 @@ def _worst_radius(policy: ElasticObserverPolicy, arm: ArmParameters) -> float:
 
 
 def _random_arms(arm: ArmParameters) -> gym.vector.VectorEnv:
-    """Return arms with random tip forces; the plants are drawn by a reset with the same seed."""
+    """Return the environment of the random arms under random tip forces; a reset with `_SEED` draws the arms."""
     generator, largest = np.random.default_rng(_SEED), _LARGEST_FORCE * force_factor(arm)
     latest = 0.5 * periods_of(arm) * PERIOD
     disturbances = []
@@ -114,7 +114,7 @@ def _random_arms(arm: ArmParameters) -> gym.vector.VectorEnv:
 
 
 def _tip_errors(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed: int) -> np.ndarray:
-    """Return the tip errors (steps, lanes) of an episode [mm], without its last step; inf if one ended early."""
+    """Return the tip errors (steps, lanes) [mm] of an episode without its last step; all inf if a lane ended early."""
     errors = []
     for step in itertools.islice(episodes(envs, policy, envs.reset(seed=seed)), periods_of(policy.parameters) - 1):
         if (step.ended & ~step.completed).any():
@@ -124,7 +124,7 @@ def _tip_errors(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed:
 
 
 def _weights_of(logarithms: np.ndarray) -> ObserverWeights:
-    """Return the rounded weights for logarithms (4,) in `_BOX`; the encoder's are the defaults."""
+    """Return the rounded weights for these logarithms (4,), see `_BOX`; those of the encoder are the defaults."""
     link_angle, link_rate, load_walk, motor_share = np.exp(logarithms)
     values = (link_angle, link_angle * link_rate, load_walk, load_walk * motor_share)
     return ObserverWeights(*rounded(values, _DIGITS))

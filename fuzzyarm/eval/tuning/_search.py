@@ -50,7 +50,7 @@ class Context:
     earlier: Mapping[str, Finding]  # findings of the steps before, by policy
 
     def run(self, work: Callable[[Any], Any], candidates: Sequence[Any], steps: int = 1) -> list[Any]:
-        """Return the result of `work` for each candidate, in order; each advances the bar by `steps`."""
+        """Return the result of `work` for each candidate, in order; each advances the progress bar by `steps`."""
         results = {}
         for number, result in self.engine.run(lambda number: work(candidates[number]), range(len(candidates))):
             results[number] = result
@@ -75,7 +75,7 @@ def nothing(reason: str, tried: int) -> Found:
 
 
 def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
-    """Return the spectral radius by condition of `fuzzyarm margins`, None where there is no loop."""
+    """Return the spectral radius of a policy's loop by condition of `fuzzyarm margins`; None where there is no loop."""
     return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
 
 
@@ -90,7 +90,7 @@ def motor_error(policy: Policy, arm: ArmParameters) -> float:
 
 
 def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
-    """Return weights (n,), in their own units, rounded to `digits` digits."""
+    """Return weights (n,), in their own units, rounded to `digits` significant digits."""
     return [float(f"{value:.{digits}g}") for value in weights]
 
 
@@ -118,7 +118,7 @@ class WeightSearch:
 
     @property
     def total(self) -> int:
-        """The number of evaluations of the objective, at most."""
+        """The largest possible number of evaluations of the objective."""
         return self.points + 1 + self.searches * self.evaluations
 
     def find(
@@ -160,7 +160,7 @@ class WeightSearch:
 
 
 def _descend(objective: Costs, begin: _Point, edge: float, evaluations: int) -> _Point:
-    """Return the best point that Nelder-Mead finds from a first point; `edge` is that of the first simplex."""
+    """Return the best point that Nelder-Mead finds from `begin`; `edge` is the edge length of the first simplex."""
     best = _Point(begin.logarithms, math.inf)
 
     def watched(logarithms: np.ndarray) -> float:

@@ -42,7 +42,7 @@ _RULES: dict[str, dict[str, str]] = json.loads(resources.files(__package__).join
 
 
 class Step(NamedTuple):
-    """A step that finds a policy's parameters by the rule for its arm; `total` candidates are known beforehand."""
+    """A step that finds a policy's parameters by the rule for its arm; `total` is the known number of candidates."""
 
     policy: str
     total: int
@@ -102,7 +102,7 @@ def _find_bandwidth(context: Context) -> Found:
 
 
 def _assessed_bandwidth(arm: ArmParameters, bandwidth: float) -> dict[str, Any]:
-    """Return the motor error [mrad] and the margins of a bandwidth [rad/s]."""
+    """Return the motor error [mrad] and the margins of computed torque with a bandwidth [rad/s], by name."""
     policy = ComputedTorquePolicy(arm, PERIOD, bandwidth)
     return {"bandwidth": bandwidth, "motor_error": motor_error(policy, arm), **policy_margins(policy, arm, PERIOD)}
 
@@ -128,7 +128,7 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 
 def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return the candidates with their radii, up to and including the first that is stable in all conditions."""
+    """Return the candidates up to the first that is stable in all conditions, each with its radii by condition."""
     tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
         tried.append((made_from, measured_radii(policy, context.arm)))
@@ -139,7 +139,7 @@ def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]
 
 
 def _robot_gains(context: Context) -> Found:
-    """Return α, γ and the fastest pole of the fastest design, in semidefinite form, that is stable; write its file."""
+    """Return α, γ and fastest pole of the fastest stable design (if none, of the slowest); write its file."""
     robot: Robot = context.arm
     rules, alpha, tried = min(RULES, 2 ** (len(robot) - 1)), None, 0
     while True:
@@ -158,7 +158,7 @@ def _robot_gains(context: Context) -> Found:
 
 
 def _robot_bandwidth(context: Context) -> Found:
-    """Return the largest bandwidth ω [rad/s] for which the loop is stable."""
+    """Return the largest bandwidth ω [rad/s] with a loop that is stable in all conditions; if none, the smallest."""
     robot: Robot = context.arm
     omegas = np.arange(bandwidth_for(robot, PERIOD), 0.0, -STEP).tolist()
     tried = _slowed_down(context, ((omega, ComputedTorquePolicy(robot, PERIOD, omega)) for omega in omegas))

@@ -3,7 +3,7 @@
     robot.toml        the arm
     steps/NAME.json   what each step found, see `Finding`
     fuzzy-4.json      the controller file
-    laws.json parameters of the other laws, see `policies.tuned`: with it the folder can be used
+    laws.json         parameters of the other laws, see `policies.tuned`: with it the folder can be used
     margins.json      what `fuzzyarm margins --robot FOLDER --json` prints
     README.md         the decisions, for readers
 
@@ -83,7 +83,7 @@ def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
 
 
 def ranges_of(robot: Any) -> Ranges:
-    """Return the ranges in the file that ``robot`` names, as for `corners_of`."""
+    """Return the ranges of parameters in the file that ``robot`` names; empty if `corners_of` finds none."""
     if not corners_of(robot):
         return Ranges()
     path = Path(robot) / IN_FOLDER
@@ -91,7 +91,7 @@ def ranges_of(robot: Any) -> Ranges:
 
 
 def _check_strength(arm: AnyArm) -> None:
-    """Raise ValueError unless the motors can hold the arm anywhere on its path."""
+    """Raise ValueError unless the motors can hold the weight of the arm anywhere on its default path."""
     robot, reference = robot_of(arm), default_reference(arm)
     q = reference.sample(np.linspace(0.0, reference.duration, _INSTANTS)).q
     weight, limit = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q)), robot.drive("torque_limit")
@@ -147,7 +147,7 @@ def tune(
     bar: _Bar = lambda text, total: contextlib.nullcontext(lambda **named: None),
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
-    """Run the missing steps in a folder of `begin` for its arm, and write its other files; see `tune_arm`.
+    """Run the missing steps for an arm in a folder that `begin` prepared, and write its other files; see `tune_arm`.
 
     `bar` shows the progress of a step, see `common.console.progress`; `finished` is called with each finding.
     """
