@@ -32,7 +32,7 @@ _PLANE, _SPACE = 2, 3
 
 @dataclasses.dataclass(frozen=True)
 class _View:
-    """The two directions of a picture, down and to the side, as vectors in the space of the points."""
+    """Two directions in which points are drawn."""
 
     rows: np.ndarray  # (2, axes): unit vectors that point down and to the side in the picture
     labels: tuple[str, str]  # of the vertical and the horizontal axis
@@ -58,7 +58,7 @@ def _view_of(reference: np.ndarray) -> _View:
 
 
 def _named(direction: np.ndarray) -> str:
-    """Return a direction in the base frame as text, such as "(0, 1, 0)"."""
+    """Return a direction in the base frame as text."""
     return "(" + ", ".join(f"{part + 0.0:.2g}" for part in np.round(direction, 2)) + ")"
 
 
@@ -97,7 +97,7 @@ def _time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
 
 
 def _of_joint(k: int) -> tuple[_Panel, _Panel, _Panel, _Panel]:
-    """Return the panels of one joint k, counted from 0: torque, velocity, motor angle and friction."""
+    """Return the panels of one joint: torque, velocity, motor angle and friction."""
     name = f"joint {k + 1}"
     return (
         _Panel(f"motor torque,\n{name}", "N m", lambda r: r.torque[:, k], scale=name),
@@ -191,7 +191,7 @@ def policy_styles(labels: Sequence[str]) -> _Styles:
 
 
 def _time_figure(columns: _Columns, panels: Sequence[_Panel], styles: _Styles) -> Figure:
-    """Return the figure with a row for each of the `panels` and a column for each case."""
+    """Return the grid of `panels` (rows) over the cases (columns)."""
     width = 6.6 if len(columns) == 1 else 1.0 + 3.0 * len(columns)
     heights = [_TALLER if panel.log else 1.0 for panel in panels]
     figure = Figure(figsize=(width, 0.9 + 1.75 * sum(heights)))
@@ -218,7 +218,7 @@ def _time_figure(columns: _Columns, panels: Sequence[_Panel], styles: _Styles) -
 
 
 def _limits(columns: _Columns, panels: Sequence[_Panel]) -> _Limits:
-    """Return the ends of the vertical axis that `panels` share in all columns; errors off the scale are left out."""
+    """Return limits with a margin for `panels` in all columns, leaving out errors that are off the scale."""
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
         best = max(_SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
@@ -261,7 +261,7 @@ def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "
 
 
 def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Figure:
-    """Return the figure of the reference path and of each policy's tip path, whose deviation from it is magnified."""
+    """Return the path of the tip, see `_view_of`: r and, for each policy, r + factor (p - r)."""
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.subplots()
     view = _view_of(_longest(episodes).tip_reference)
@@ -314,7 +314,7 @@ def _force_figure(title: str, episode: Rollout) -> Figure:
 
 
 def _legend(figure: Figure, episodes: Sequence[Rollout], styles: _Styles, others: Sequence[Line2D]) -> None:
-    """Put a legend below the axes: `others`, every policy, and the cross for an episode that ended early, if any."""
+    """Put a legend below the axes: `others`, every policy, and the meaning of the cross if there is one."""
     policies = dict.fromkeys(episode.policy for episode in episodes)
     handles = [*others, *(Line2D([], [], label=policy, **styles[policy]) for policy in policies)]
     if not all(episode.completed for episode in episodes):

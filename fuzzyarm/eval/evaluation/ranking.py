@@ -54,17 +54,17 @@ class Standing:
 
     @property
     def order(self) -> tuple[int, float]:
-        """The key by which a ranking is sorted; the best policy has the smallest."""
+        """Sort key, the best policy first."""
         return self.lost, math.inf if self.score is None else max(self.score.mean, RESOLUTION)
 
     @property
     def headings(self) -> list[str]:
-        """The headings of the table's columns after that of the score."""
+        """Headings of the table after the score."""
         return [*(f"rms, {case} [mm]" for case in self.rms), *other_headings(list(self.rms)), "proven", "from"]
 
     @property
     def cells(self) -> list[str]:
-        """The cells of the policy's row as text: the score, then those below `headings`."""
+        """The score, and the cells below `headings`."""
         return [
             f"lost in {self.lost} of {self.episodes}" if self.score is None else shown(self.score),
             *("lost" if value is None else millimetres(value) for value in self.rms.values()),
@@ -100,7 +100,7 @@ class Leaderboard:
 
     @property
     def sheet(self) -> Sheet:
-        """The ranking as a table, with a row for each standing."""
+        """The table."""
         headings = ["rank", "policy", "score [mm]", *self.standings[0].headings]
         rows = zip(self.ranks, self.standings, strict=True)
         cells = [[str(rank), standing.policy, *standing.cells] for rank, standing in rows]
@@ -109,7 +109,7 @@ class Leaderboard:
 
     @property
     def notes(self) -> str:
-        """The notes below the table of the ranking, as one paragraph."""
+        """The notes below the table."""
         return f"{self.standings[0].notes(self.standings)} All: {self.conditions}."
 
 
@@ -136,7 +136,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
 
 
 def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, Any]], verb: str) -> None:
-    """Raise ValueError if a file is given twice, or if one of its `conditions`, by name, differs from the first file's.
+    """Raise ValueError if a file is given twice, or differs from the first in a condition.
 
     The message asks the user to run the command `verb` again.
     """
@@ -189,12 +189,12 @@ def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, st
 
 
 def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
-    """Return a heading for each metric of `metrics.ranked` in each case; `what` is put in front of it."""
+    """Return the headings of the metrics of `metrics.ranked`, for each case."""
     return [f"{what}{words}, {case} [{metric.unit}]" for words, metric in ranked().items() for case in cases]
 
 
 def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
-    """Return the cells below `other_headings` from values by metric and case; `without` is the text for None."""
+    """Return the cells below `other_headings`; `without` replaces missing values."""
     known = ranked()
     return [
         without if value is None else known[words].text(value)
@@ -204,7 +204,7 @@ def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) 
 
 
 def shown(score: Estimate) -> str:
-    """Return a score [mm] as text, with its interval in brackets if it has one."""
+    """Return a score [mm] with its interval, if it has one."""
     mean, low, high = score
     return millimetres(mean) + ("" if low is None or high is None else f" ({millimetres(low)} to {millimetres(high)})")
 
@@ -234,7 +234,7 @@ def document(board: Leaderboard) -> dict[str, Any]:
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return a row of cells below `ROW` for each policy, named with its file if its name has several declarations."""
+    """Return a row of cells below `ROW` for each policy, with its file if one name has several declarations."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [

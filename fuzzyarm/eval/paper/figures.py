@@ -61,7 +61,7 @@ def draw_figures(evidence: Evidence) -> dict[int, Figure]:
 
 
 def _paths(evidence: Evidence) -> Figure:
-    """Return Fig. 2: tip paths in the plane of (26), to scale; an inset magnifies the largest error with 4 rules."""
+    """Return Fig. 2: the plane of (26) to scale; an inset magnifies the place of the largest error with 4 rules."""
     figure, grid = _grid(2, "end-effector trajectories in Case 1", (9.2, 5.2), 1, sharex="row", sharey="row")
     for axes, form in zip(grid[0], FORMS, strict=True):
         runs = {rules: evidence.rollouts[f"{form}-{rules}", "nominal"] for rules in RULES}
@@ -74,7 +74,7 @@ def _paths(evidence: Evidence) -> Figure:
 
 
 def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
-    """Add an inset that magnifies the paths around the largest circularity error with 4 rules; `runs` is by rules."""
+    """Add an inset around the largest error with 4 rules."""
     few = runs[4]
     worst = int(np.argmax(np.abs(few.circularity_error)))
     inset = axes.inset_axes((0.35, 0.34, 0.32, 0.32))
@@ -135,7 +135,7 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
 
 
 def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signal: Callable[..., Any]) -> Figure:
-    """Return one of Figs. 7-10: `signal` of both joints over time, with a row for each number of rules."""
+    """Return one of Figs. 7-10, with a row for each number of rules."""
     stated = tuple(zip(_BANDS, _STATED.get(number, ()), strict=False))
     figure, grid = _grid(number, title, (9.2, 5.0), len(RULES), sharey="col" if number == _OWN_SCALES else "all")
     for row, rules in zip(grid, RULES, strict=True):
@@ -155,7 +155,7 @@ def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signa
 
 
 def _grid(number: int, title: str, size: tuple[float, float], rows: int, **shared: Any) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes (rows, forms of the controller), with the titles of the figure and its columns."""
+    """Return a figure and its axes (rows, forms), with the titles of the columns."""
     two_scales = ", each column to its own scale" if shared.get("sharey") == "col" else ""
     figure = Figure(figsize=size)
     figure.suptitle(f"Fig. {number}: {title}{two_scales}", x=0.01, ha="left", fontweight="bold")

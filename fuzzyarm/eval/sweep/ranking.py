@@ -37,7 +37,7 @@ _LEVEL = "0.99"  # the quantile over the plants, as a sweep's file names it
 
 @dataclasses.dataclass(frozen=True)
 class _PlantStanding:
-    """The result of one policy in one sweep."""
+    """One policy of one sweep."""
 
     policy: str  # its label
     source: str  # the file that contains it
@@ -50,12 +50,12 @@ class _PlantStanding:
 
     @property
     def order(self) -> tuple[int, float]:
-        """The key by which a ranking is sorted; the best policy has the smallest."""
+        """Sort key, the best policy first."""
         return (1, self.ended_early / self.plants) if self.score is None else (0, max(self.score.mean, RESOLUTION))
 
     @property
     def headings(self) -> list[str]:
-        """The headings of the table's columns after that of the score."""
+        """Headings of the table after the score."""
         what = "99 % of plants, "
         found = [f"{what}{case} [mm]" for case in self.cases]
         if self.others:
@@ -64,7 +64,7 @@ class _PlantStanding:
 
     @property
     def cells(self) -> list[str]:
-        """The cells of the policy's row as text: the score, then those below `headings`."""
+        """The score, and the cells below `headings`."""
         return [
             "ended early" if self.score is None else shown(self.score),
             *("ended early" if value is None else millimetres(value) for value in self.cases.values()),
@@ -97,7 +97,7 @@ def is_sweep(path: Path) -> bool:
 def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
     """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that contain them.
 
-    It raises the same errors as `rank_policies`.
+    The errors are those of `rank_policies`.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     again = "make it again with fuzzyarm sweep --out {}"
@@ -141,13 +141,13 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], d
 
 
 def _ends(quantile: dict[str, Any]) -> list[float]:
-    """Return a quantile [mm] in a file and the two ends of its interval; inf for None: beyond any bound, or missing."""
+    """Return a file's quantile [mm] and the ends of its interval; inf if larger than any bound, or missing."""
     names = ("value", "low", "high")
     return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
 
 
 def _largest(found: Sequence[Sequence[float]]) -> Estimate | None:
-    """Return the largest quantile, low end and high end among the cases; None if the largest quantile is infinite."""
+    """Return the largest quantile of the cases, with the largest ends of their intervals; None if it is infinite."""
     value, low, high = map(max, zip(*found, strict=True))
     if value == math.inf:
         return None
