@@ -1,7 +1,7 @@
 """Bisection, directed rounding to decimal numbers, and consecutive slices.
 
-A float stands for the shortest decimal number that identifies it, its `repr`; a certificate proves its claims for the
-same decimal (`proof.certificate`). Rounding that decimal up or down is exact.
+A float stands for the shortest decimal number that identifies it, its `repr`, as in a certificate. Rounding
+this decimal is exact.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ _OF_DAMAGE = (  # raised by zipfile, zlib, struct and NumPy's reading of a heade
 
 
 class _NotRead(ValueError):
-    """A file may be intact, but is not read: it has Python objects, is encrypted or too large, for example."""
+    """Error for a file that may be intact but is not read because it is encrypted or too large, for example."""
 
 
 def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.ndarray]:
@@ -77,7 +77,7 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
 
 
 def _check_directory(file: BinaryIO, size: int) -> None:
-    """Check the size of the list of members, which `zipfile` reads as a whole."""
+    """Raise ValueError if a zip archive's list of members, which `zipfile` reads as a whole, is too large."""
     file.seek(max(size - _END.size, 0))
     content = file.read(_END.size)
     if len(content) < _END.size:
@@ -112,7 +112,7 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
 
 
 def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
-    """Return the array in a stream of `size` bytes; ValueError unless its header states exactly this size."""
+    """Return the array in a stream of `size` bytes; ValueError if its header does not state exactly this size."""
     if np.lib.format.read_magic(stream) != (1, 0):
         raise _NotRead(f"{name[:40]!r} must be in version 1.0 of the .npy format")
     with warnings.catch_warnings():
@@ -135,7 +135,7 @@ def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
 
 
 def _check_values(name: str, array: np.ndarray) -> None:
-    """Check strings and booleans, for which some bit patterns are not valid."""
+    """Raise ValueError if an array contains strings or booleans with invalid bytes."""
     if array.dtype.kind == "U":
         points = np.frombuffer(array.astype(array.dtype.newbyteorder("<")).tobytes(), dtype="<u4")
         if np.any((points > 0x10FFFF) | ((points >= 0xD800) & (points <= 0xDFFF))):

@@ -40,7 +40,7 @@ def real(
     high: float = math.inf,
     below: float = math.inf,
 ) -> float:
-    """Return a finite real number as float: above < value < below and low <= value <= high, in a unit."""
+    """Return a real number as float if above < value < below and low <= value <= high; `unit` is for messages."""
     allowed = _allowed(unit, above, low, high, below)
     if not is_real(value):
         raise TypeError(f"{name} = {shown(value)} must be a real number{_bracketed(unit)}; {allowed}")
@@ -92,7 +92,7 @@ def interval(name: str, values: Any, unit: str = "", *, low: float, high: float)
 
 
 def truth(name: str, value: Any) -> bool:
-    """Return a boolean; TypeError for anything else."""
+    """Return `value` as bool if it is a boolean; TypeError otherwise."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} = {shown(value)} must be True or False")
     return bool(value)

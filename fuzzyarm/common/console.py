@@ -119,7 +119,7 @@ def say_json(document: Any) -> None:
 
 @contextlib.contextmanager
 def _naming_output() -> Iterator[None]:
-    """Name standard output in errors of writing to it; `BrokenPipeError` passes through.
+    """Make errors of output in the block name standard output; `BrokenPipeError` passes through.
 
     Buffered output that cannot be written is discarded; otherwise Python would report it again at exit.
     """
@@ -240,7 +240,7 @@ class Sheet:
 
 
 def _least_width(table: Table, console: Console) -> int:
-    """Return the smallest width at which every column fits its longest word."""
+    """Return the smallest width [columns] at which each column of a table fits its longest word."""
     return console.measure(table, options=console.options.update(max_width=_PIPED_WIDTH)).minimum
 
 
@@ -300,11 +300,7 @@ _MINUTE = 60.0  # s, the longest time between two lines of progress
 
 
 class _Lines:
-    """Progress in plain lines on standard error, at intervals that double up to a minute.
-
-    A line states the elapsed time, the completed steps, the current work and, from the second step on, the remaining
-    time at the speed since the first.
-    """
+    """Progress in plain lines on standard error, at intervals that double up to a minute."""
 
     def __init__(self, description: str, total: int | None, first: float, *, threaded: bool = True) -> None:
         self._description = self._shown = description
@@ -328,7 +324,7 @@ class _Lines:
     def advance(
         self, next_description: str | None = None, *, completed: int | None = None, line: str | None = None
     ) -> None:
-        """Count a step; arguments as in `progress`."""
+        """Count a step; arguments as for the function that `progress` yields."""
         self._done = self._done + 1 if completed is None else completed
         self._shown = next_description or self._description
         if self._earlier is None:

@@ -4,7 +4,7 @@ A record is a dataclass; its fields and their types are the schema. A file conta
 checked against these types, and nothing in it is run or imported.
 
 Only regular files are read, no larger than a limit, with at most `_MOST_VALUES` values, without duplicate keys, and no
-deeper than `_DEEPEST`. `read_bytes` and `open_regular` serve files of other formats.
+deeper than `_DEEPEST`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def read_toml(path: Path, *, largest: int = _LARGEST_TOML) -> dict[str, Any]:
 
 
 def read_bytes(path: Path, *, largest: int = _LARGEST) -> bytes:
-    """Return the content of a regular file."""
+    """Return the content of a regular file; DocumentError if it exceeds `largest` bytes."""
     with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:

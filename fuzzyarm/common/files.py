@@ -104,8 +104,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] | None = None, *, header: bool = True) -> str:
     """Return rows, mappings from column to entry, as CSV; by default with the columns of the first row.
 
-    A missing entry stays empty. A string that a spreadsheet would evaluate is prefixed with an apostrophe, which marks
-    it as text.
+    A missing entry stays empty. A string that a spreadsheet would evaluate is prefixed with an apostrophe.
     """
     names = list(rows[0] if columns is None else columns)
     text = io.StringIO()

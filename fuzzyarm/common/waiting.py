@@ -14,7 +14,7 @@ __all__ = ["announced"]
 
 @contextlib.contextmanager
 def announced(message: str, after: float = 1.0) -> Iterator[None]:
-    """Print on a terminal, once per process, what the block does if it takes longer than `after` [s]."""
+    """Print `message` on a terminal, once per process, if the block takes longer than `after` [s]."""
     timer = threading.Timer(after, _say_once, (message,))
     timer.daemon = True
     if sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is None:

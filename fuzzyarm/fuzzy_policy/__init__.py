@@ -1,1 +1,1 @@
-"""The Takagi-Sugeno model, controller files, their certificates, and the fixed policies."""
+"""The Takagi-Sugeno model, controller files, and control laws as policies."""

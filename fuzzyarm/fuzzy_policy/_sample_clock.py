@@ -29,7 +29,7 @@ _CLOSED, _SLOPED, _ROUNDED = 1e-4, 0.1, 1e-5
 
 
 def _period_between(before: np.ndarray, after: np.ndarray) -> float:
-    """Return T [s] between two observations (5 n,) of one motion; 0 if they do not determine it."""
+    """Return the time T [s] between two observations (5 n,) of a motion of n joints; 0 if they do not determine it."""
     (q, dq, ddq), (q_after, dq_after, ddq_after) = (np.reshape(one, (PARTS, -1))[-3:] for one in (before, after))
     speed, slope = 0.5 * (dq + dq_after), 0.5 * (ddq + ddq_after)
     turned, faster, sharper = q_after - q, dq_after - dq, (ddq_after - ddq) / 12.0
@@ -46,7 +46,7 @@ def _period_between(before: np.ndarray, after: np.ndarray) -> float:
 
 
 class SampleClock:
-    """The time between the samples that a policy receives in an episode, determined from the first lane."""
+    """The time between the samples of an episode that a policy receives, determined from the first lane (robot)."""
 
     def __init__(self) -> None:
         self.returned: Any = None  # the state that the policy returned last

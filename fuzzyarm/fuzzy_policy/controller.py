@@ -26,7 +26,7 @@ _STATED = ("form", "integral", "common_multiplier")
 _ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # arrays of the bound on the fastest pole
 _OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # fields that the file omits if they are None
-# Far wider than any useful range; products with the parameters of an arm stay finite.
+# Far wider than any useful range; products with an arm's parameters stay finite.
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
 # Types in the file, where numbers are hexadecimal strings and arrays nested lists.
@@ -38,10 +38,10 @@ _FIELDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Controller(SignedController):
-    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r, and the matrices of its proof.
+    """A law u = K_hv e + H_hv x_I + L_hv r, with gains weighted by memberships h and v, and the matrices of its proof.
 
     Sizes: N vertices of A and N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs
-    i <= j, m multipliers; n = n_e in the consistent form, n_e + 4 (with x_r) in the paper's form. SI units throughout.
+    i <= j, m multipliers; n = n_e, in the paper's form n_e + 4 with the reference's states x_r. SI units throughout.
     """
 
     model: TSModel  # contains the robot and the kept premises
@@ -95,7 +95,7 @@ class Controller(SignedController):
             raise ValueError(f"weight = {self.weight.tolist()} must contain only numbers above 0")
 
     def _shapes(self) -> dict[str, tuple[int, ...] | None]:
-        """Return the shape of each array by name; None for an array that the form does not have."""
+        """Return the shape of each array by name; None for an array that this controller lacks."""
         paper, pole = self.form == "paper", self.fastest_pole is not None and self.form == "consistent"
         n_e, reference_states = ERROR_STATES if self.integral else PLANT_STATES, PLANT_STATES if paper else 0
         N, N_e, m = len(self.model.A_vertices), len(self.model.E_vertices), len(self.model.uncertainties)
@@ -114,7 +114,7 @@ class Controller(SignedController):
 
     @property
     def feedforward_gains(self) -> np.ndarray:
-        """L (N, N_e, 2, 6): stored, or computed in the consistent form."""
+        """Gains L (N, N_e, 2, 6) on (q_d, q̇_d, q̈_d): stored, or computed in the consistent form."""
         return consistent_feedforward(self.model) if self.feedforward is None else self.feedforward
 
     @property
@@ -132,7 +132,7 @@ class Controller(SignedController):
 
     @classmethod
     def from_document(cls, content: Any) -> Controller:
-        """Return the controller in a file's content; ValueError for another form or damaged or inconsistent content."""
+        """Return the controller in a file's parsed JSON; ValueError if it is of another form or damaged."""
         document = checked_fields(content, _SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
@@ -151,6 +151,6 @@ class Controller(SignedController):
 
 
 def consistent_feedforward(model: TSModel) -> np.ndarray:
-    """Return L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]] (N, N_e, 2, 6) of the consistent form, in SI units."""
+    """Return the feedforward gains L (N, N_e, 2, 6) of the consistent form: L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]]."""
     pairs = [[(-A[VELOCITY], E[VELOCITY, VELOCITY]) for E in model.E_vertices] for A in model.A_vertices]
     return np.array([[np.hstack(pair) for pair in row] for row in pairs])

@@ -22,7 +22,7 @@ __all__ = [
 
 
 class Drives(NamedTuple):
-    """Motors and springs; each part is one value per joint, the value of a single joint, or a row of an array."""
+    """Quantities of motors and springs: each a value per joint, the value of a single joint, or a row of an array."""
 
     motor_inertia: Any
     viscous_friction: Any
@@ -45,19 +45,19 @@ def checked_arm(name: str, arm: Any) -> AnyArm:
 
 
 def joints_of(arm: AnyArm) -> int:
-    """Return the number of joints n."""
+    """Return an arm's number of joints n."""
     return len(arm) if isinstance(arm, Robot) else len(arm.length)
 
 
 def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
-    """Return a quantity of the drives by its name in `Drive`, shape (n,)."""
+    """Return a quantity of the joints' drives (n,) by its name in `Drive`."""
     if isinstance(arm, Robot):
         return arm.drive(name)
     return np.broadcast_to(np.array(getattr(arm, name), dtype=float), (joints_of(arm),)).copy()
 
 
 def _constants_of(arm: AnyArm) -> np.ndarray:
-    """Return the constants (k,) of the `Physics.Arm` without a payload."""
+    """Return the constants (k,) in the record `Physics.Arm` of an arm without a payload."""
     physics = equations_of(arm)
     return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
 
@@ -69,7 +69,7 @@ def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
 
 
 def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Return the direction (..., axes) in which the tip travels at q and q̇ (..., n) [rad, rad/s], zeros at rest."""
+    """Return the unit vector (..., axes) of the tip's velocity at q and q̇ (..., n) [rad, rad/s], zeros at rest."""
     if isinstance(arm, Robot):
         jacobian = rigid_body.tip_jacobian(arm, q)[..., : equations_of(arm).axes, :]
     else:

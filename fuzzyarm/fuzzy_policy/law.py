@@ -28,7 +28,7 @@ __all__ = ["Law", "LawPolicy", "constants_array", "held_at_limits", "law_of", "s
 
 
 class Law(NamedTuple):
-    """A law and its constants."""
+    """A control law: its function `act`, and what the function takes."""
 
     act: Callable[..., tuple[Any, Any]]  # see the module's docstring
     memory: Any  # a tree of zeros
@@ -49,7 +49,7 @@ def within(torque: Any, limit: Any) -> Any:
 
 
 def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..., tuple[Any, Any]]:
-    """Return ``command(memory, seen, (constants, limit), *tables)``, the law within limits; see `Policy.command`."""
+    """Return ``command(memory, seen, (constants, limit), *tables)``, the law clipped as by `Policy.command`."""
 
     def command(memory: Any, seen: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         constants, limit = given
@@ -65,7 +65,7 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
 def held_at_limits(memory: Any, after: Any, integral_at: int, asked: Any, limits: Any) -> Any:
     """Return `after`, the memory after a sample, but hold integrals that would drive torques further beyond limits.
 
-    x_I,j is held if u_j > high_j and Δx_I,j < 0, or u_j < low_j and Δx_I,j > 0, see `Policy.command`.
+    With u = `asked`, the integral at `integral_at` + j is held if it falls at u_j > high_j or rises at u_j < low_j.
     """
     before, numbers = flat(memory), flat(after)
     for joint, (torque, (low, high)) in enumerate(zip(asked, limits, strict=True)):
@@ -86,15 +86,15 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law and its constants."""
+        """The control law of this policy."""
         raise NotImplementedError
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
+        """Evaluate the law, see `Policy.act`."""
         self._act_kernel((memory, observation, torque), self._constants, self.control_law.tables)
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
-        """Evaluate the law within the torque limits, see `Policy`."""
+        """Evaluate the law within the torque limits, see `Policy.command`."""
         if not self._lawful:
             return super().command(observation, memory, torque)
         alone = self._alone
@@ -113,7 +113,7 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _lawful(self) -> bool:
-        """Whether the torques come from the law alone."""
+        """Whether no subclass overrides the law, see `law_of`."""
         return law_of(self) is not None
 
     @functools.cached_property
@@ -147,14 +147,14 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm, with its own arrays per thread; copying is faster than locating the caller's arrays."""
+    """A compiled law for one arm, with arrays of its own per thread: copying is faster than locating the caller's."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque
         self._kernel, self._rest, self._own = kernel, (constants, tables), threading.local()
 
     def run(self, memory: np.ndarray, observation: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` and advance `memory`, both float64."""
+        """Evaluate the law for float64 arrays (1, size): fill `torque` and advance `memory`."""
         try:
             remembered, seen, given, call = self._own.arrays
         except AttributeError:

@@ -40,10 +40,10 @@ class Policy(abc.ABC):
     """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
     Torques are clipped to the robot's limits, and an integral is held while it would drive a torque further beyond its
-    limit (`command`). For n joints an observation has 5 n entries and an action has n.
+    limit (`command`). For n joints an observation has 5 n entries and an action n. A batch has one robot per lane.
 
     Attributes:
-        parameters: the two-joint arm or the robot, as the policy knows it.
+        parameters: the two-joint arm or robot that the policy assumes.
         joints: number of joints n.
         control_period: T, time between two calls of `predict` [s].
         memory_size: size of a lane's memory, which is zero when an episode begins. By default one entry per joint: the
@@ -59,7 +59,7 @@ class Policy(abc.ABC):
     _clock: SampleClock | None = None
 
     def __init__(self, parameters: AnyArm, control_period: float) -> None:
-        """Take the robot and the control period T [s]; TypeError or ValueError for anything else."""
+        """Store the robot and the control period [s]; TypeError or ValueError if one is invalid."""
         self.parameters = checked_arm("parameters", parameters)
         self.joints = joints_of(parameters)
         self.control_period = checked_period("control_period", control_period)
@@ -68,7 +68,7 @@ class Policy(abc.ABC):
 
     @functools.cached_property
     def memory_size(self) -> int:
-        """Size of a lane's memory."""
+        """Number of entries in the memory of one lane."""
         return self.joints
 
     def __getstate__(self) -> dict[str, Any]:
@@ -80,13 +80,13 @@ class Policy(abc.ABC):
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, m) for `observation` (lanes, 5 n)."""
+        """Fill `torque` (lanes, n) [N m], unclipped, and advance `memory` (lanes, memory_size) for `observation`."""
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
         """Evaluate the law within the torque limits; return False if a torque is not a number.
 
-        The torque of joint j is clipped to ±Γ_j [N m]. If it exceeds its limit, x_I,j is held if its change would drive
-        the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
+        The torque of joint j is clipped to ±Γ_j [N m]. If it exceeds this limit, its integral x_I,j is held if a change
+        would drive it further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
         `act`: observation (lanes, 5 n), memory (lanes, memory_size), torque (lanes, n).
         """
         at, largest = self.integral_at, self.torque_limit
@@ -115,7 +115,7 @@ class Policy(abc.ABC):
         return array
 
     def repeated(self) -> PassLearner | None:
-        """Return the form of this policy that learns from repeated passes over one path; None if it has none."""
+        """Return the form of this policy that learns from repeated passes over one path; None if there is none."""
         return None
 
     def predict(
@@ -127,8 +127,8 @@ class Policy(abc.ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return motor torques [N m] and the next state.
 
-        The time between samples follows from the reference in the first samples of an episode, see `sample_clock`. If
-        it differs from the control period, a policy with `remake` changes to that period, with the memory that it would
+        The time between samples follows from the reference in the first samples of an episode, see `_sample_clock`. If
+        it differs from the control period, a policy with `remake` changes to that time, with the memory that it would
         then have; any other policy warns (RuntimeWarning) and continues.
 
         `state` is never changed. After a ValueError for a reading that is not a number, hold the last torques and use
@@ -138,7 +138,7 @@ class Policy(abc.ABC):
             observation: (5 n,) or (lanes, 5 n), as `FuzzyArmEnv` gives it.
             state: what the last call returned; None begins an episode.
             episode_start: (lanes,) booleans; True resets that lane's state.
-            deterministic: ignored, the law is deterministic.
+            deterministic: ignored.
 
         Returns:
             Torques, (n,) or (lanes, n), and the state, (memory_size,) or (lanes, memory_size).
@@ -146,7 +146,7 @@ class Policy(abc.ABC):
         Raises:
             TypeError: an argument does not consist of real numbers.
             ValueError: an argument has a wrong shape; an entry of the observation is not finite, or so large that no
-                torque follows.
+                torque can be computed.
         """
         batch = _checked_observation(observation, self.joints)
         lanes, single = len(batch), np.ndim(observation) == 1
@@ -183,7 +183,7 @@ class Policy(abc.ABC):
         return result
 
     def _meets(self, period: float, sure: bool) -> bool:
-        """Change to a control period [s] and return True if that is possible; else warn if the period is `sure`."""
+        """Change to a control period [s] if possible, and return whether it was; if not, warn if it is `sure`."""
         reason = ""
         if self.remake is not None:
             try:
@@ -208,7 +208,7 @@ class Policy(abc.ABC):
 def _checked_observation(observation: Any, joints: int) -> np.ndarray:
     """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers, in C order.
 
-    An observation that already has this layout is not copied. Errors are those of `Policy.predict`.
+    Errors are those of `Policy.predict`.
     """
     seen = array_of("observation", observation)
     real_entries("observation", seen)
@@ -229,7 +229,7 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 
 
 def _no_torque(observation: np.ndarray) -> ValueError:
-    """Return the error for observations (lanes, 5 n) for which a law returns nan."""
+    """Return the error to raise if a law returns nan for observations (lanes, 5 n)."""
     largest = np.abs(observation).max()
     return ValueError(f"the policy returns no finite torque, because an observed number has magnitude {largest:g}")
 
@@ -237,8 +237,8 @@ def _no_torque(observation: np.ndarray) -> ValueError:
 class PassLearner(abc.ABC):
     """A policy that learns from each pass over a path for the next; a pass is an episode along the path.
 
-    The state contains what has been learned. Its type is the `kind` of a subclass; its `memory` (lanes, memory_size) is
-    the memory of the `policy`.
+    The state contains what has been learned. Its type is the attribute `kind`; its `memory` (lanes, memory_size) is the
+    memory of `policy`.
     """
 
     policy: Policy
@@ -270,14 +270,14 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> Any:
-        """Return the state before a first pass, with this memory of the policy."""
+        """Return the state before a first pass, which contains the `memory` (lanes, memory_size) of the policy."""
 
     @abc.abstractmethod
     def _go_on(self, seen: np.ndarray, state: Any) -> np.ndarray:
-        """Return the torques (lanes, n) [N m] for a sample, clipped by `_clipped`, and advance the state."""
+        """Return torques (lanes, n) [N m] for observations (lanes, 5 n), clipped by `_clipped`; advance the state."""
 
     def _checked(self, state: Any) -> Any:
-        """Return a state; TypeError or ValueError if it does not belong to this policy."""
+        """Return `state`; TypeError or ValueError if it does not belong to this policy."""
         if not isinstance(state, self.kind):
             needed = f"the {self.kind.__name__} returned by predict or begin_pass"
             raise TypeError(f"state = {shown(state)} must be {needed}")

@@ -1,13 +1,13 @@
 """A controller of the form "semidefinite", for a serial robot with any number of joints, and its file.
 
-The law, with M̄ = M + R, R the reflected rotor inertias, and e = q - q_d, x_I = ∫ e dt, is
+The law for inertia M, Coriolis matrix C, viscous friction f_v, gravity g and errors e = q - q_d, x_I = ∫ e dt is
 
     u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̂(q) = Σ_r h_r(q) S_r,
 
-so that on the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The rules schedule the gains k ⊗ S_r over the
-kept premises z_l, which are cosines and sines of single angles or of twice an angle. Each premise has two weights,
-(1 - z_l)/2 and (1 + z_l)/2; h_r is the product of one weight of each premise, and the first premise changes fastest
-with r. With a single rule M̂ is constant.
+with M̄ = M + R and reflected rotor inertias R: a rigid arm with disturbance torques d then follows M̄(q) ë = -M̂(q)
+(k_p e + k_d ė + k_i x_I) + d. Rule r has the gains k ⊗ S_r and the weight h_r, a product with one factor for each kept
+premise z_l, (1 - z_l)/2 or (1 + z_l)/2; the first premise changes fastest with r. Premises are cosines and sines of
+single angles or of twice an angle.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ __all__ = [
     "rule_weights", "speeds_of",
 ]  # fmt: skip
 
-# Name of the form, schema of its files, and possible premises
 FORM = "semidefinite"
 _SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
@@ -65,11 +64,11 @@ class Premise:
 
     @property
     def turns(self) -> int:
-        """Periods of the function in one turn."""
+        """Number of periods of the function in one turn of the joint."""
         return 2 if "2" in self.function else 1
 
     def at(self, q: np.ndarray) -> np.ndarray:
-        """Return z (...) at angles (..., n) [rad]."""
+        """Return the premise's value (...) at angles (..., n) [rad]."""
         angle = self.turns * q[..., self.joint]
         return np.asarray(np.cos(angle) if self.function.startswith("cos") else np.sin(angle))
 
@@ -83,7 +82,7 @@ _FIELDS = {
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledController(SignedController):
-    """Gains of the law above, and the data of its proof; n joints, N = 2^premises rules."""
+    """Gains of the law in the module's docstring, and the data of its proof; n joints, N = 2^premises rules."""
 
     robot: Robot  # the robot it was designed for
     premises: tuple[Premise, ...]  # the kept premises, of different joints up to `split`
@@ -147,7 +146,7 @@ class ScheduledController(SignedController):
         return speeds_of(self.robot, self.premises)
 
     def inertia_at(self, q: np.ndarray) -> np.ndarray:
-        """Return M̂ (..., n, n) [kg m²] at angles (..., n) [rad]."""
+        """Return the weighted inertia M̂ (..., n, n) [kg m²] at angles (..., n) [rad]."""
         return np.asarray(np.tensordot(rule_weights(self.premises, q), self.inertia, axes=1))
 
     @functools.cached_property
@@ -166,7 +165,7 @@ class ScheduledController(SignedController):
 
     @classmethod
     def from_document(cls, content: Any) -> ScheduledController:
-        """Return the controller in a file's content; ValueError for another form or damaged or inconsistent content."""
+        """Return the controller in a file's parsed JSON; ValueError if it is of another form or damaged."""
         document = checked_fields(content, _SCHEMA, _FIELDS)
         robot = document["robot"]
         choice("form", document["form"], (FORM,))

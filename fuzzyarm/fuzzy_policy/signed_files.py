@@ -36,7 +36,7 @@ def encoded(value: Any) -> Any:
 
 
 def decoded(value: Any) -> Any:
-    """Return nested lists or mappings with every hexadecimal string as a float; anything else raises ValueError."""
+    """Return `value`, a hexadecimal string or nested lists or mappings of these, as floats; ValueError for others."""
     if isinstance(value, str):
         try:
             return float.fromhex(value)
@@ -64,7 +64,7 @@ class ControllerFileError(ValueError):
 
 
 def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:
-    """Read a file and return what `build` makes of the content; ControllerFileError if the file is not valid."""
+    """Return the result of `build` for the JSON content of a file; ControllerFileError if the file is not valid."""
     try:
         return build(read_json(Path(path), largest=_MAX_BYTES))
     except DocumentError as error:  # names the file itself
@@ -111,7 +111,7 @@ class SignedController(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def from_document(cls, content: Any) -> Self:
-        """Return the controller in a file's content; ValueError for another form or damaged or inconsistent content."""
+        """Return the controller in a file's parsed JSON; ValueError if it is of another form or damaged."""
 
     def _take(self, **values: Any) -> None:
         for name, value in values.items():

@@ -1,6 +1,7 @@
 """Takagi-Sugeno descriptor model of the rigid arm (paper sections 3, 5.1 and 6.1).
 
-The rigid arm is E(z) ẋ = A(z) x + B u + B d with x = (q, q̇), affine in the five premises (6):
+The rigid arm with motor torques u and disturbances d is E(z) ẋ = A(z) x + B u + B d for x = (q, q̇), affine in the
+premises (6), where c1..c5 are constants of the arm (3), q12 = q1 + q2 and sinc x = sin x / x:
 
     z1 = cos q2,   z2 = -c4 sinc q1 - c5 sinc q12,   z3 = -c5 sinc q12,   z4 = c2 q̇2 sin q2,   z5 = -c2 q̇1 sin q2.
 
@@ -51,14 +52,14 @@ _GUARD = Fraction(1, 10**12)
 
 
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
-    """Return `low` (side -1) or `high` (side 1), widened by the guard and rounded outwards to a float."""
+    """Return the end `low` (side -1) or `high` (side 1) of a range, moved outwards by `_GUARD` and rounding."""
     target = (low if side < 0 else high) + side * _GUARD * (high - low or 1)
     rounded = float(target)
     return rounded if side * (Fraction(rounded) - target) >= 0 else math.nextafter(rounded, side * math.inf)
 
 
 def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.ndarray:
-    """Return the premises (..., 5) of (6) at angles q [rad] and velocities q̇ [rad/s] of shape (..., 2)."""
+    """Return the premises z1..z5 (..., 5) at angles q [rad] and velocities q̇ [rad/s] of shape (..., 2)."""
     arm = arm_constants(parameters)
     sinc1, sinc12 = np.sinc(q[..., 0] / np.pi), np.sinc((q[..., 0] + q[..., 1]) / np.pi)
     sin2 = np.sin(q[..., 1])
@@ -79,7 +80,7 @@ class Uncertainty:
 
 @dataclasses.dataclass(frozen=True)
 class _Polytope:
-    """The vertices and the dropped premises in one number type."""
+    """The vertex matrices and the dropped premises of a T-S model, all in one number type."""
 
     E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
     A: list[np.ndarray]  # N matrices A_pi, (4, 4)
@@ -114,10 +115,10 @@ class TSModel:
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Bounds (5, 2) of the premises over the joint box (25), rounded outwards.
+        """Bounds (5, 2) of the premises in the box of angles and velocities (25), rounded outwards.
 
-        They are computed in exact rational arithmetic from the given floats; with |q1| <= π, sinc q1 lies in [0, 1] and
-        sinc q12 in [-0.2172..., 1]. They are valid for any box with joint limits up to π.
+        They are computed in exact rational arithmetic; for joint limits up to π, sinc q1 lies in [0, 1] and sinc q12 in
+        [-0.2172..., 1].
         """
         _, c2, _, c4, c5 = _constants(self.parameters, Fraction)
         dq1, dq2 = map(Fraction, self.parameters.velocity_limit)
@@ -136,33 +137,33 @@ class TSModel:
         return [PREMISES.index(name) for name in self.kept if name != "z1"]
 
     def E(self, z: np.ndarray) -> np.ndarray:
-        """Return E_p(z) of (5), (4, 4), for premises z (5,)."""
+        """Return the matrix E_p(z) (4, 4) of the paper's (5) for premises z (5,)."""
         base, slopes = _descriptor_terms(self.parameters)["E"]
         return np.asarray(base + z[0] * slopes[0])
 
     def A(self, z: np.ndarray) -> np.ndarray:
-        """Return A_p(z) of (5), (4, 4), for premises z (5,)."""
+        """Return the matrix A_p(z) (4, 4) of the paper's (5) for premises z (5,)."""
         base, slopes = _descriptor_terms(self.parameters)["A"]
         return np.asarray(base + np.tensordot(z[1:], slopes[1:], axes=1))
 
     @property
     def B(self) -> np.ndarray:
-        """Input matrix B_p = B_d (4, 2) of (5)."""
+        """Input matrix B_p = B_d (4, 2) of the paper's (5)."""
         return np.vstack([np.zeros((JOINTS, JOINTS)), np.eye(JOINTS)])
 
     @property
     def E_vertices(self) -> list[np.ndarray]:
-        """The N_e matrices E_pk; dropped premises are at the middle of their range."""
+        """The N_e vertex matrices E_pk (4, 4); dropped premises are at the middle of their range."""
         return self.polytope.E
 
     @property
     def A_vertices(self) -> list[np.ndarray]:
-        """The N matrices A_pi; dropped premises are at the middle of their range."""
+        """The N vertex matrices A_pi (4, 4); dropped premises are at the middle of their range."""
         return self.polytope.A
 
     @property
     def uncertainties(self) -> list[Uncertainty]:
-        """The dropped premises, ΔE = Hᵀ f W or ΔA = Hᵀ f W with |f| <= 1 (section 5.1)."""
+        """The dropped premises, each as ΔE = Hᵀ f W or ΔA = Hᵀ f W with |f| <= 1 (section 5.1)."""
         return self.polytope.uncertainties
 
     @cached_property
@@ -171,7 +172,7 @@ class TSModel:
         return self.polytope_in(float)
 
     def polytope_in(self, number: Callable[[float], Any]) -> _Polytope:
-        """Return vertices and uncertainties in a number type; exact types prove what floats only approximate."""
+        """Return vertices and uncertainties with entries that `number` makes from floats; proofs need an exact type."""
         terms = _descriptor_terms(self.parameters, number)
         bounds = [(number(low), number(high)) for low, high in self.bounds.tolist()]
         middles = [(low + high) / 2 for low, high in bounds]
@@ -198,7 +199,7 @@ class TSModel:
         return _Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the memberships h (N,) and v (N_e,) at premises z (5,): in [0, 1], each summing to one.
+        """Return the memberships h (N,) of A and v (N_e,) of E at premises z (5,): in [0, 1], each summing to one.
 
         ω = (z - z_min)/(z_max - z_min) is the weight of the *max* vertex. Outside the box (25) premises are clipped to
         their bounds: the weights stay convex, but the model is no longer exact.
@@ -211,7 +212,7 @@ class TSModel:
 def _descriptor_terms(
     parameters: ArmParameters, number: Callable[[float], Any] = float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return E_p and A_p of (5) as base (4, 4) and slopes (5, 4, 4) over z1..z5, in a number type."""
+    """Return by "E" and "A" the base (4, 4) of E_p or A_p and its slopes (5, 4, 4) in z1..z5, of type `number`."""
     c1, c2, c3, _, _ = _constants(parameters, number)
     motor1, motor2, viscous1, viscous2 = map(number, (*parameters.motor_inertia, *parameters.viscous_friction))
     one, two = number(1.0), number(2.0)
@@ -231,7 +232,7 @@ def _descriptor_terms(
 
 
 def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tuple[Any, ...]:
-    """Return c1..c5 of (3) in a number type."""
+    """Return the constants c1..c5 of the arm, (3) of the paper, as numbers of type `number`."""
     p = parameters
     length, mass, center, inertia = (tuple(map(number, pair)) for pair in (p.length, p.mass, p.mass_center, p.inertia))
     constants: tuple[Any, ...] = inertia_and_gravity(length, mass, center, inertia, number(p.gravity))
@@ -239,7 +240,7 @@ def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tup
 
 
 def rule_products(omega: Iterable[Any], lanes: tuple[int, ...] = ()) -> np.ndarray:
-    """Return the products (..., 2^k) of ω or 1 - ω over k numbers ω (...); the first changes fastest, 1 - ω first."""
+    """Return the 2^k products (*lanes, 2^k) of ω or 1 - ω over k arrays ω; the first changes fastest, 1 - ω first."""
     weights = np.ones((*lanes, 1))
     for value in omega:
         ratio = np.asarray(value)[..., np.newaxis]

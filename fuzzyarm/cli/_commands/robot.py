@@ -44,7 +44,7 @@ class Options:
     """Joint that stays fixed as in the model, such as one of a gripper. May be repeated"""
 
     def run(self) -> int:
-        """Write the file; if values are missing, list them and return 1."""
+        """Write the robot's file and return 0; if values are missing, list them and return 1."""
         from fuzzyarm.common.files import write_atomically
         from fuzzyarm.envs.physics.from_model import Lacking, completed
 

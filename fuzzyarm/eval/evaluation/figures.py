@@ -1,7 +1,7 @@
 """Figures 2-10 of the paper for any policies, and the overview.
 
 Every figure over time is a grid with a row per `_Panel` and a column per case. The path of the tip is seen in the plane
-of the two-joint arm, or face-on where it lies in space. Matplotlib is used without pyplot, which keeps global state.
+of the two-joint arm, or face-on where it lies in space.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _PLANE, _SPACE = 2, 3
 
 @dataclasses.dataclass(frozen=True)
 class _View:
-    """Two directions in which points are drawn."""
+    """The plane of a picture, onto which points are projected."""
 
     rows: np.ndarray  # (2, axes): unit vectors that point down and to the side in the picture
     labels: tuple[str, str]  # of the vertical and the horizontal axis
     upwards: bool  # whether the vertical axis counts upwards
 
     def of(self, points: np.ndarray) -> np.ndarray:
-        """Return the points (..., axes) [m] as (..., 2): down and to the side [m]."""
+        """Return points (..., axes) [m] in the picture: (..., 2) [m], down and to the side."""
         return np.asarray(points @ self.rows.T)
 
 
@@ -58,7 +58,7 @@ def _view_of(reference: np.ndarray) -> _View:
 
 
 def _named(direction: np.ndarray) -> str:
-    """Return a direction in the base frame as text."""
+    """Return a vector in the base frame as text."""
     return "(" + ", ".join(f"{part + 0.0:.2g}" for part in np.round(direction, 2)) + ")"
 
 
@@ -71,7 +71,7 @@ class _Panel:
 
     Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has its own limits, and
     values below its lowest decade are drawn at the edge. The scale of an error leaves out policies far worse than the
-    best, see `_FOCUS`, because they would flatten the other curves; the panel names them.
+    best, see `_FOCUS`; the panel names them.
     """
 
     quantity: str
@@ -115,14 +115,13 @@ _OVERVIEW = (_Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip",
 # `_ROOM`, a share of the curve's size; larger ones are cut off and their policies named, except at the factor 1.
 _MAGNIFICATIONS, _ROOM = (20, 10, 5, 2, 1), 0.5
 # An error panel is scaled to the policies whose peak is at most `_FOCUS` times that of the best policy. A best peak
-# below 2 mm counts as 2 mm: otherwise a nearly perfect policy would push all others off the scale.
+# below 2 mm counts as 2 mm.
 _FOCUS, _SMALL = 5.0, 2.0
 # A logarithmic axis begins with the decade that all policies which reach the end exceed, except for a share `_DIPS` of
 # the time, when the error passes through zero. It begins no lower than `_LOWEST`, which in mm is ten nanometres.
 _LOWEST, _DIPS = 1e-5, 0.05
 _TALLER = 1.6  # height of a row with a logarithmic axis, relative to the others: decades need room
-# Strokes and gaps, in line widths; the first is solid. There are nine beside the style's eight colours: up to eight
-# policies differ in both, and up to 72 differ in one of them.
+# Strokes and gaps, in line widths; the first is solid. With the style's eight colours, up to 72 policies differ.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
 DASHES: tuple[Any, ...] = tuple((0, strokes) if strokes else "-" for strokes in _STROKES)
 """Line styles of Matplotlib, in the order in which policies get them."""
@@ -218,7 +217,7 @@ def _time_figure(columns: _Columns, panels: Sequence[_Panel], styles: _Styles) -
 
 
 def _limits(columns: _Columns, panels: Sequence[_Panel]) -> _Limits:
-    """Return limits with a margin for `panels` in all columns, leaving out errors that are off the scale."""
+    """Return the axis limits (low, high), with a margin, for `panels` in all columns without errors off the scale."""
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
         best = max(_SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
@@ -252,7 +251,7 @@ def _draw_panel(axes: Axes, panel: _Panel, episodes: Sequence[Rollout], styles: 
 
 
 def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "right") -> None:
-    """Name the policies that are off the scale, if any, one per line, in an upper corner."""
+    """Write the lines `outside`, on policies off the scale, if any, in an upper corner of the axes."""
     if outside:
         text = "\n".join(["off the scale:", *outside])
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
@@ -261,7 +260,7 @@ def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "
 
 
 def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Figure:
-    """Return the path of the tip, see `_view_of`: r and, for each policy, r + factor (p - r)."""
+    """Return the figure of the tip's paths p of the policies, drawn as r + factor (p - r), and of the reference r."""
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.subplots()
     view = _view_of(_longest(episodes).tip_reference)

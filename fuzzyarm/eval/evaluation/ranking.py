@@ -1,10 +1,9 @@
 """A ranking of the policies of several evaluations in one table, best first.
 
 The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know the next load
-must allow for it. A mean over the cases would let micrometres without load compensate for millimetres under load.
-Over several seeds the score is the interquartile mean of the seeds' errors, with a bootstrap interval of 95 %
-(`statistics`). Smaller is better. A policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such
-policies rank last, ordered by the number of episodes in which they lost it.
+must allow for it. Over several seeds the score is the interquartile mean of the seeds' errors, with a bootstrap
+interval of 95 % (`_statistics`). Smaller is better. A policy that lost the path in any episode, see `metrics.is_lost`,
+has no score. Such policies rank last, ordered by the number of episodes in which they lost it.
 
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
 `eval.sweep.ranking` ranks over plants.
@@ -54,17 +53,17 @@ class Standing:
 
     @property
     def order(self) -> tuple[int, float]:
-        """Sort key, the best policy first."""
+        """Sort key: number of lost episodes, then the score [mm]; the best policy has the smallest."""
         return self.lost, math.inf if self.score is None else max(self.score.mean, RESOLUTION)
 
     @property
     def headings(self) -> list[str]:
-        """Headings of the table after the score."""
+        """Headings of the table's columns after the score."""
         return [*(f"rms, {case} [mm]" for case in self.rms), *other_headings(list(self.rms)), "proven", "from"]
 
     @property
     def cells(self) -> list[str]:
-        """The score, and the cells below `headings`."""
+        """Cells of the table's row: the score, then those below `headings`."""
         return [
             f"lost in {self.lost} of {self.episodes}" if self.score is None else shown(self.score),
             *("lost" if value is None else millimetres(value) for value in self.rms.values()),
@@ -100,7 +99,7 @@ class Leaderboard:
 
     @property
     def sheet(self) -> Sheet:
-        """The table."""
+        """The table, with a row for each standing."""
         headings = ["rank", "policy", "score [mm]", *self.standings[0].headings]
         rows = zip(self.ranks, self.standings, strict=True)
         cells = [[str(rank), standing.policy, *standing.cells] for rank, standing in rows]
@@ -189,12 +188,12 @@ def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, st
 
 
 def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
-    """Return the headings of the metrics of `metrics.ranked`, for each case."""
+    """Return the headings of the metrics of `metrics.ranked`, for each case, each after `what`."""
     return [f"{what}{words}, {case} [{metric.unit}]" for words, metric in ranked().items() for case in cases]
 
 
 def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
-    """Return the cells below `other_headings`; `without` replaces missing values."""
+    """Return the cells below `other_headings` for values by metric and case; `without` replaces None."""
     known = ranked()
     return [
         without if value is None else known[words].text(value)
@@ -234,7 +233,7 @@ def document(board: Leaderboard) -> dict[str, Any]:
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return a row of cells below `ROW` for each policy, with its file if one name has several declarations."""
+    """Return a row of cells below `ROW` for each policy, with its file if its name has several declarations."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [

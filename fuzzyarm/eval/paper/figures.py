@@ -2,7 +2,7 @@
 
 Only the text of the paper was available, not its figures. The axes follow from the captions and section 6.2. Ranges
 that the text states are drawn as grey bands. As in the paper, dotted blue means 32 rules or joint 1, and solid red
-means 4 rules or joint 2; all else is the project's style.
+means 4 rules or joint 2.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _STATED = {7: (228.0, 47.0)}  # largest values of the joints by the paper's text
 
 
 def write_figures(evidence: Evidence, folder: Path, progress: Callable[[], None] = lambda: None) -> list[Path]:
-    """Write ``figure-02.png`` to ``figure-10.png``, each atomically, with `progress` after each; return their paths."""
+    """Write ``figure-02.png`` to ``figure-10.png``, each atomically; call `progress` after each; return their paths."""
     figures = {f"figure-{number:02}": figure for number, figure in draw_figures(evidence).items()}
     return write_all(figures, folder, progress, svg=False)
 
@@ -61,7 +61,7 @@ def draw_figures(evidence: Evidence) -> dict[int, Figure]:
 
 
 def _paths(evidence: Evidence) -> Figure:
-    """Return Fig. 2: the plane of (26) to scale; an inset magnifies the place of the largest error with 4 rules."""
+    """Return Fig. 2: tip paths to scale; an inset magnifies the place of the largest error with 4 rules."""
     figure, grid = _grid(2, "end-effector trajectories in Case 1", (9.2, 5.2), 1, sharex="row", sharey="row")
     for axes, form in zip(grid[0], FORMS, strict=True):
         runs = {rules: evidence.rollouts[f"{form}-{rules}", "nominal"] for rules in RULES}
@@ -74,7 +74,7 @@ def _paths(evidence: Evidence) -> Figure:
 
 
 def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
-    """Add an inset around the largest error with 4 rules."""
+    """Add an inset to the axes, around the largest circularity error with 4 rules."""
     few = runs[4]
     worst = int(np.argmax(np.abs(few.circularity_error)))
     inset = axes.inset_axes((0.35, 0.34, 0.32, 0.32))
@@ -94,7 +94,7 @@ def _draw_paths(axes: Axes, runs: Mapping[int, Rollout]) -> None:
 
 
 def _force(evidence: Evidence) -> Figure:
-    """Return Fig. 3: the components of the force of Case 2; x of (26) points down."""
+    """Return Fig. 3: the components of the external force in Case 2; x points down."""
     figure = Figure(figsize=(9.2, 3.4))
     figure.suptitle("Fig. 3: external force in Case 2", x=0.01, ha="left", fontweight="bold")
     axes, run = figure.subplots(), evidence.rollouts["consistent-4", "machining"]

@@ -6,8 +6,8 @@ the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of th
 policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by
 the share of such episodes.
 
-Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. Their
-plants and the number of plants may differ, and the intervals account for that.
+Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. The
+number of plants may differ.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LEVEL = "0.99"  # the quantile over the plants, as a sweep's file names it
 
 @dataclasses.dataclass(frozen=True)
 class _PlantStanding:
-    """One policy of one sweep."""
+    """The result of one policy in one sweep over random plants."""
 
     policy: str  # its label
     source: str  # the file that contains it
@@ -50,12 +50,12 @@ class _PlantStanding:
 
     @property
     def order(self) -> tuple[int, float]:
-        """Sort key, the best policy first."""
+        """Sort key: policies with a score by the score [mm], then others by the share of episodes ended early."""
         return (1, self.ended_early / self.plants) if self.score is None else (0, max(self.score.mean, RESOLUTION))
 
     @property
     def headings(self) -> list[str]:
-        """Headings of the table after the score."""
+        """Headings of the table's columns after the score."""
         what = "99 % of plants, "
         found = [f"{what}{case} [mm]" for case in self.cases]
         if self.others:
@@ -64,7 +64,7 @@ class _PlantStanding:
 
     @property
     def cells(self) -> list[str]:
-        """The score, and the cells below `headings`."""
+        """Cells of the table's row: the score, then those below `headings`."""
         return [
             "ended early" if self.score is None else shown(self.score),
             *("ended early" if value is None else millimetres(value) for value in self.cases.values()),
@@ -76,7 +76,7 @@ class _PlantStanding:
 
     @staticmethod
     def notes(standings: Sequence[Any]) -> str:
-        """Return the sentence that explains the table of these standings."""
+        """Return the notes below a table of these standings."""
         return (
             "Score: 99 % quantile of the largest tip error over the plants, in the worst case, with its 95 % interval. "
             "Ended early: more than 1 % of the episodes of a case ended early; such policies rank last."
@@ -84,7 +84,7 @@ class _PlantStanding:
 
 
 def is_sweep(path: Path) -> bool:
-    """Return whether a path is the folder of a sweep, or a file whose schema is that of a sweep."""
+    """Return whether a path is the folder of a sweep or its summary, of any version."""
     if path.is_dir():
         return (path / SUMMARY).is_file()
     try:
@@ -108,7 +108,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
 
 
 def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], dict[str, Any], str]:
-    """Return a file's standings and the conditions, as data and in words, that jointly ranked files must share."""
+    """Return a file's standings, and the conditions that files ranked together must share: by name, and in words."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:
@@ -141,7 +141,7 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], d
 
 
 def _ends(quantile: dict[str, Any]) -> list[float]:
-    """Return a file's quantile [mm] and the ends of its interval; inf if larger than any bound, or missing."""
+    """Return a quantile in a file and the two ends of its interval [mm]; inf replaces None."""
     names = ("value", "low", "high")
     return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
 
