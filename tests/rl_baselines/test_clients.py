@@ -24,25 +24,6 @@ ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 
 
-def test_the_wrappers_that_cleanrl_puts_around_an_environment_take_it():
-    def make():
-        env = gym.make("fuzzyarm:FuzzyArmLearn-v0")
-        env = gym.wrappers.ClipAction(gym.wrappers.RecordEpisodeStatistics(gym.wrappers.FlattenObservation(env)))
-        env = gym.wrappers.NormalizeObservation(env)
-        env = gym.wrappers.TransformObservation(env, lambda seen: np.clip(seen, -10, 10), env.observation_space)
-        env = gym.wrappers.NormalizeReward(env, gamma=0.98)
-        return gym.wrappers.TransformReward(env, lambda reward: float(np.clip(reward, -10, 10)))
-
-    envs, ended = gym.vector.SyncVectorEnv([make] * 2), 0
-    envs.action_space.seed(0)
-    envs.reset(seed=0)
-    for _ in range(150):
-        observation, reward, *_, info = envs.step(envs.action_space.sample())
-        assert np.isfinite(observation).all() and np.isfinite(reward).all()
-        ended += "episode" in info
-    assert ended >= 1
-
-
 def test_the_loop_of_cleanrl_finds_the_ended_episodes_of_the_batch():
     envs = gym.wrappers.vector.RecordEpisodeStatistics(gym.make_vec("fuzzyarm:FuzzyArmLearn-v0", num_envs=4))
     envs.action_space.seed(0)

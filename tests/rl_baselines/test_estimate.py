@@ -8,15 +8,13 @@ import pytest
 pytest.importorskip("torch")
 import torch
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.cli import main
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import two_joints
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import columns
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, tip_jacobian
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import Scenario, case_for
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, MachiningForce

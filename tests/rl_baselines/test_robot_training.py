@@ -8,12 +8,10 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
+from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.cli import main
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines._checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training, default_scale

@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RescaleAction
 from slow_twins import slow_but
 from support.batches import torques
+from support.results import identical
 
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line
@@ -49,27 +50,20 @@ def both(wrap=lambda venv: venv, **arguments):
     pair = wrap(adapted(**arguments)), wrap(monitored(**arguments))
     for venv in pair:
         venv.seed(3)
-    assert same_array(*(venv.reset() for venv in pair))
+    assert identical(*(venv.reset() for venv in pair))
     return pair
-
-
-def same_array(first, second):
-    """Whether two arrays are the same bit for bit."""
-    same_kind = (first.dtype, first.shape) == (second.dtype, second.shape)
-    return same_kind and first.tobytes() == second.tobytes()
 
 
 def assert_same_step(results, others):
     """Compare what two environments return; return why the lanes that ended did."""
-    for one, other in zip(results[:3], others[:3], strict=True):
-        assert same_array(one, other)
+    assert identical(results[:3], others[:3])
     ends = []
     for lane, (info, expected) in enumerate(zip(results[3], others[3], strict=True)):
         if not results[2][lane]:
             assert info == {}
             continue
         ends.append(expected.get("reason", "truncated"))
-        assert same_array(info["terminal_observation"], expected["terminal_observation"])
+        assert identical(info["terminal_observation"], expected["terminal_observation"])
         assert info["TimeLimit.truncated"] is bool(expected["TimeLimit.truncated"])
         assert info.get("reason") == expected.get("reason")
         assert info["episode"]["l"] == expected["episode"]["l"]
@@ -146,10 +140,10 @@ def test_an_environment_that_resets_itself_a_step_later_is_refused_and_any_other
         StableBaselinesVecEnv(later)
     same = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
     venv, native = (adapted(reference=SHORT, **how) for how in (same, {}))
-    assert same_array(venv.reset(), native.reset())
+    assert identical(venv.reset(), native.reset())
     for action in torques(0, 60, LANES):
         results, others = venv.step(action), native.step(action)
-        assert all(map(same_array, results[:3], others[:3]))
+        assert identical(results[:3], others[:3])
         assert all((a.keys() == b.keys()) for a, b in zip(results[3], others[3], strict=True))
 
 
@@ -159,10 +153,10 @@ def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
     starts = []
     for _ in range(3):
         starts.append(venv.reset())
-        assert same_array(starts[-1], loop.reset())
+        assert identical(starts[-1], loop.reset())
     assert len(np.unique(np.concatenate(starts), axis=0)) == 3 * LANES
     venv.seed(7)
-    assert same_array(venv.reset(), starts[0])
+    assert identical(venv.reset(), starts[0])
 
 
 OPTIONS = {
@@ -178,7 +172,7 @@ def test_options_hold_for_one_episode_of_each_lane(options):
     for one in (venv, loop):
         one.set_options(options)
     for _ in range(2):  # the second reset knows nothing of them
-        assert same_array(venv.reset(), loop.reset())
+        assert identical(venv.reset(), loop.reset())
         for action in torques(0, 130, LANES):
             assert_same_step(venv.step(action), loop.step(action))
 

@@ -14,11 +14,10 @@ from slow_twins import slow_but
 from support.plain import hold_numpy
 from support.two_joints import PHYSICS, state_of
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
 from fuzzyarm.envs.physics.integrator import held_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce, TorqueBias
@@ -142,8 +141,7 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
 
 
 def test_a_stiff_arm_has_the_sub_steps_of_the_numpy_environment():
-    stiff = dataclasses.replace(ArmParameters(), stiffness=(1e8, 1e8))
-    given = {"parameters": stiff, "randomisation": "plants"}
+    given = {"parameters": ArmParameters(stiffness=(1e8, 1e8)), "randomisation": "plants"}
     assert TorchFuzzyArm(1, compiled=False, **given).substeps == vector_env(1, **given).substeps == 31
 
 
@@ -268,31 +266,6 @@ def test_float32_stays_close_to_float64(case, device):
     assert np.linalg.norm(np.subtract(*tips), axis=-1).max() < 5e-7
 
 
-def compare_with_eager(dtype, device, lanes=37, steps=70, **arguments):
-    """Step a compiled and an eager batch through truncations, terminations and bad actions."""
-    ours, theirs = (
-        TorchFuzzyArm(lanes, dtype=dtype, device=device, compiled=how, **arguments) for how in (True, False)
-    )
-    tolerance = {"rtol": 0.0, "atol": 1e-4 if dtype == torch.float32 else 1e-10}
-    (first, _), (their_first, _) = ours.reset(seed=1), theirs.reset(seed=1)
-    assert torch.equal(first, their_first)  # a reset is not compiled
-    actions = wild_actions(steps, lanes)
-    actions[11, 3] = np.nan
-    ended = np.zeros(2, dtype=int)
-    for action in torch.tensor(actions, device=device):
-        observation, reward, terminated, truncated, info = ours.step(action)
-        expected, their_reward, their_terminated, their_truncated, their_info = theirs.step(action)
-        assert torch.equal(terminated, their_terminated)
-        assert torch.equal(truncated, their_truncated)
-        torch.testing.assert_close(observation, expected, **tolerance)
-        torch.testing.assert_close(reward, their_reward, **tolerance)
-        torch.testing.assert_close(info, their_info, **tolerance)
-        torch.testing.assert_close(ours.state, theirs.state, **tolerance)
-        ended += terminated.sum().item(), truncated.sum().item()
-    assert (ended > 0).all()
-    return ours, theirs
-
-
 def test_without_a_compiler_one_line_says_what_to_do(monkeypatch):
     def without_a_compiler(function, **settings):
         def graph(*arguments):
@@ -317,11 +290,20 @@ def test_compiled_is_eager(device):
     disturbance = dataclasses.replace(DISTURBED, encoder_noise=None)
     randomisation = DomainRandomisation(angle=(-0.01, 0.01))
     arguments = {"reference": SHORT, "substep": 1e-3, "disturbance": disturbance, "randomisation": randomisation}
-    ours, theirs = compare_with_eager(torch.float32, device, **arguments)
+    ours, theirs = (TorchFuzzyArm(37, device=device, compiled=how, **arguments) for how in (True, False))
+    assert torch.equal(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])  # a reset is not compiled
+    actions, close, ended = wild_actions(70, 37), {"rtol": 0.0, "atol": 1e-4}, np.zeros(2, dtype=int)
+    actions[11, 3] = np.nan
+    for action in torch.tensor(actions, device=device):
+        found = ours.step(action)
+        torch.testing.assert_close(found, theirs.step(action), **close)
+        torch.testing.assert_close(ours.state, theirs.state, **close)
+        ended += [flags.sum().item() for flags in found[2:4]]
+    assert found[0].dtype == torch.float32 and (ended > 0).all()
     # Modes that torch would compile again for.
     action = torch.ones((37, 2), device=device, requires_grad=True)
     with torch.inference_mode():
-        torch.testing.assert_close(ours.step(action)[0], theirs.step(action)[0], rtol=0.0, atol=1e-4)
+        torch.testing.assert_close(ours.step(action)[0], theirs.step(action)[0], **close)
     assert not ours.step(action)[1].requires_grad
 
 
