@@ -123,19 +123,16 @@ def _command(words: list[str], folder: str, how: dict[str, Any]) -> None:
 def _counted(folder: str, at: int, number: int) -> list[int]:
     """Count what touches the disk in a folder; before the one of a number the process gets a signal."""
     count = [0]
-    here = os.path.realpath(folder)
+    out = os.path.join(os.path.realpath(folder), "out")
 
     def touched(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
-            name, _, flags = arguments
-            if isinstance(name, int) or not (flags & WRITING):
+            if not arguments[2] & WRITING:
                 return
         elif event not in ("os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.link", "os.truncate"):
             return
         name = arguments[1] if event == "os.rename" else arguments[0]
-        if isinstance(name, bytes | str | os.PathLike) and os.path.realpath(os.fsdecode(name)).startswith(
-            f"{here}/out"
-        ):
+        if isinstance(name, bytes | str | os.PathLike) and os.path.realpath(os.fsdecode(name)).startswith(out):
             count[0] += 1
             if count[0] == at + 1:
                 os.kill(os.getpid(), number)
@@ -152,13 +149,10 @@ def _stand_ins() -> None:
     from fuzzyarm.eval.tuning import run
     from fuzzyarm.identification import _two_joints
 
-    def step(policy: str, chosen: dict[str, float]) -> Any:
-        def find(context: Any) -> Any:
-            return search.Found(chosen, {}, {"nominal": 0.9}, 1)
+    def step(policy: str, chosen: Any) -> Any:
+        return steps.Step(policy, 1, lambda context: search.Found(chosen, {}, {"nominal": 0.9}, 1))
 
-        return steps.Step(policy, 1, find)
-
-    run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
+    run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))
     linearisation.POSTURES = 2
     _two_joints._STEPS = _two_joints._ELASTIC_STEPS = _two_joints._MORE_STEPS = 1
 
@@ -221,10 +215,8 @@ def _check_file(path: Path) -> None:
                 assert archive.testzip() is None
         case ".png":
             assert data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
-        case ".svg":
-            assert data.rstrip().endswith(b"</svg>")
-        case ".html":
-            assert data.rstrip().endswith(b"</html>")
+        case ".svg" | ".html":
+            assert data.rstrip().endswith(f"</{path.suffix[1:]}>".encode())
         case ".csv":
             rows = list(csv.reader(io.StringIO(data.decode())))
             assert data.endswith(b"\n") and len({len(row) for row in rows}) == 1
@@ -245,13 +237,11 @@ def names(folder: Path) -> set[str]:
 def results(folder: Path) -> dict[str, Any]:
     """Return what has to be the same in every run: everything but times and what holds them."""
     found: dict[str, Any] = {}
-    for pattern in ("chunks/*.npz", "curve.csv", "policy/*", "laws.json", "steps/*.json"):
-        for path in sorted(folder.glob(pattern)):
-            key, data = str(path.relative_to(folder)), path.read_bytes()
-            if path.suffix == ".npz":
-                with np.load(io.BytesIO(data)) as file:  # seconds of the episodes differ from run to run
-                    data = {one: file[one].tobytes() for one in file.files if one != "seconds"}  # type: ignore[assignment]
-            found[key] = data
+    for pattern in ("curve.csv", "policy/*", "laws.json", "steps/*.json"):
+        found |= {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob(pattern)}
+    for path in folder.glob("chunks/*.npz"):
+        with np.load(path) as file:  # seconds of the episodes differ from run to run
+            found[path.name] = {one: file[one].tobytes() for one in file.files if one != "seconds"}
     return found
 
 
@@ -319,16 +309,13 @@ def test_a_full_disk_leaves_whole_files_and_no_success(name):
 def test_two_processes_in_one_folder_make_what_one_makes_or_one_says_so(name):
     _, whole = uninterrupted(name)
     folder = begun(name)
-    runs = []
-    for number in range(2):
-        beside = folder if number == 0 else scratch()
-        if number:
-            for path in folder.iterdir():
-                (beside / path.name).symlink_to(path)
-            if not (beside / "out").exists():
-                (beside / "out").symlink_to(folder / "out")
-                (folder / "out").mkdir(exist_ok=True)
-        runs.append(Run(COMMANDS[name], beside))
+    runs, beside = [Run(COMMANDS[name], folder)], scratch()
+    for path in folder.iterdir():
+        (beside / path.name).symlink_to(path)
+    if not (beside / "out").exists():
+        (beside / "out").symlink_to(folder / "out")
+        (folder / "out").mkdir(exist_ok=True)
+    runs.append(Run(COMMANDS[name], beside))
     codes = [run.wait() for run in runs]
     for code, run in zip(codes, runs, strict=True):
         assert code in (0, 2), f"exit code {code}: {run.err[-300:]!r}"

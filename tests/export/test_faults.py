@@ -1,16 +1,16 @@
 """What an exported law does at the start, after a missed call, and when a sensor drops out or jumps."""
 
 import ctypes
-import subprocess
 
 import numpy as np
 import pytest
-from support.exported import COMPILERS, needs_compiler, random_observations
+from support.exported import needs_compiler, random_observations
+from test_c import compiled
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.export._c_text import LAW, Recorded
-from fuzzyarm.export.c_files import FLAGS, export_c
+from fuzzyarm.export.c_files import export_c
 from fuzzyarm.export.onnx_file import _Graph as Graph
 from fuzzyarm.export.onnx_file import export_onnx
 
@@ -21,9 +21,8 @@ class InC:
     """An exported law as a function of an observation, which returns torques and status."""
 
     def __init__(self, source, inputs=10, joints=2):
-        library, words = source.with_suffix(".so"), [COMPILERS[0], *FLAGS, "-shared", "-fPIC", str(source), "-o"]
-        subprocess.run([*words, str(library)], check=True)
-        self.library, self.state = ctypes.CDLL(str(library)), ctypes.create_string_buffer(b"\xff" * 4096, 4096)
+        self.library = ctypes.CDLL(str(compiled(source, "-shared", "-fPIC")))
+        self.state = ctypes.create_string_buffer(b"\xff" * 4096, 4096)
         self.joints, self.begin = joints, lambda: self.library.law_init(self.state)
         self.begin()
 
