@@ -71,16 +71,6 @@ def test_a_sensor_that_drops_out_holds_the_torques_and_is_a_call_that_was_missed
 
 
 @needs_compiler
-def test_init_forgets_everything(tmp_path):
-    policy = load_policy("elastic-observer")
-    seen = random_observations(policy, 5, 1)
-    law = InC(export_c("law", policy, tmp_path)[1])
-    first = [law(observation) for observation in seen]
-    law.begin()
-    assert [law(observation) for observation in seen] == first != [law(observation) for observation in seen]
-
-
-@needs_compiler
 def test_a_result_that_is_not_finite_is_not_applied_and_the_memory_begins_again(tmp_path):
     def counting(given, memory):
         return (memory[0] + 1.0,), (memory[0] + given[0] / given[1],)
