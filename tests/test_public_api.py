@@ -51,7 +51,6 @@ def callables(name):
 
 
 def undocumented(name):
-    """Public functions, classes and methods without a docstring."""
     found = {symbol: getattr(import_module(name), symbol) for symbol in import_module(name).__all__}
     found |= {place: function for place, function, _ in callables(name)}
     found = {place: one for place, one in found.items() if inspect.isclass(one) or inspect.isroutine(one)}

@@ -158,7 +158,6 @@ def _stand_ins() -> None:
 
 
 def begun(name: str) -> Path:
-    """Return a folder in which a command can be run."""
     folder = scratch()
     if name not in NEW:
         (folder / "out").mkdir()
@@ -181,7 +180,6 @@ def uninterrupted(name: str) -> tuple[int, Path]:
 
 
 def check_errors(code: int, err: str) -> None:
-    """Check an exit code and what was written to standard error."""
     if code not in CODES:
         raise Broken(f"exit code {code}: {err[-300:]!r}")
     if "Traceback" in err or "Error:" in err.split("\n")[-1]:

@@ -30,7 +30,6 @@ def files(tmp_path_factory):
 
 
 def true(text, values):
-    """Evaluate an expression or a condition."""
     return eval(text.replace("&", "and"), {"sin": math.sin, "cos": math.cos, "exp": math.exp}, values)
 
 

@@ -39,7 +39,6 @@ def test_the_code_of_the_page_is_the_shipped_law(capsys):
 
 
 def test_the_numbers_on_the_page_are_those_of_the_command(capsys):
-    """Every number of the page's state to check against stands in the sheet."""
     block = PAGE.read_text(encoding="utf-8").split("one state to check against:")[1].split("```")[0]
     shown = printed(capsys, "fuzzy-4").split("one state to check against:")[1].split("proven of the rigid arm:")[0]
     assert block.split() == shown.split()

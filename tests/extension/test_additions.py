@@ -48,7 +48,6 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def evaluated(page, tmp_path_factory):
-    """The results of an evaluation of the new controller in the new case."""
     folder = tmp_path_factory.mktemp("evaluation")
     assert main(["evaluate", "--policy", "spring", "--case", "pushed-tool", "--out", str(folder)]) == 0
     return folder

@@ -110,7 +110,6 @@ def test_the_teacher_is_the_adaptive_observer_that_knows():
 
 @pytest.fixture
 def few_references(monkeypatch):
-    """Draw courses from eight references."""
     monkeypatch.setattr(courses_module, "_family", lambda arm: reference_family(arm, 8))
 
 

@@ -30,7 +30,6 @@ LANES = 4
 
 
 def adapted(lanes=LANES, rescaled=False, **arguments):
-    """The adapter under test."""
     envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, **arguments)
     return StableBaselinesVecEnv(RescaleAction(envs, -1, 1) if rescaled else envs)
 
@@ -73,7 +72,6 @@ def assert_same_step(results, others):
 
 
 def wrapped(venv):
-    """Wrappers of stable-baselines3, as around its own loop."""
     return VecNormalize(VecFrameStack(VecCheckNan(venv), 2))
 
 
