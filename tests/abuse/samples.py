@@ -88,22 +88,16 @@ def signed(document: dict[str, Any]) -> dict[str, Any]:
     return content | {"digest": digest_of(content)}
 
 
-def _made(make: Callable[[Path], None]) -> Callable[[], Path]:
+def _made(make: Callable[[Path], Any]) -> Callable[[], Path]:
     """A folder that is made once."""
 
     @functools.cache
     def folder() -> Path:
-        made = room() / make.__name__
-        made.mkdir()
+        made = scratch()
         make(made)
         return made
 
     return folder
-
-
-@_made
-def controller(folder: Path) -> None:
-    shutil.copy(CONTROLLERS / "fuzzy-2.json", folder / "controller.json")
 
 
 @functools.cache
@@ -116,9 +110,11 @@ def of_robot() -> ScheduledController:
         return design_scheduled(given, dataclasses.replace(robot, joints=tuple(joints))).controller
 
 
-@_made
-def scheduled(folder: Path) -> None:
-    of_robot().save(folder / "controller.json")
+controller = _made(lambda folder: shutil.copy(CONTROLLERS / "fuzzy-2.json", folder / "controller.json"))
+scheduled = _made(lambda folder: of_robot().save(folder / "controller.json"))
+bundle = _made(lambda folder: shutil.copytree(BUNDLES / "ppo-nominal", folder, dirs_exist_ok=True))
+observer = _made(lambda folder: shutil.copytree(BUNDLES / "learned-observer", folder, dirs_exist_ok=True))
+trained = _made(lambda folder: Training(PPOConfig(**SMALL_TRAINING), folder).run())
 
 
 @_made
@@ -178,16 +174,6 @@ def tuned(folder: Path) -> None:
 
 
 @_made
-def bundle(folder: Path) -> None:
-    shutil.copytree(BUNDLES / "ppo-nominal", folder, dirs_exist_ok=True)
-
-
-@_made
-def observer(folder: Path) -> None:
-    shutil.copytree(BUNDLES / "learned-observer", folder, dirs_exist_ok=True)
-
-
-@_made
 def evaluated(folder: Path) -> None:
     """An evaluation without figures. Of a certified policy, a report simulates the proven loop."""
     done = fuzzyarm.evaluate(EvaluationConfig(policies=("computed-torque",), cases=("nominal",)))
@@ -207,12 +193,5 @@ def swept(folder: Path) -> None:
 
 
 @_made
-def trained(folder: Path) -> None:
-    """A training that is at its end."""
-    Training(PPOConfig(**SMALL_TRAINING), folder).run()
-
-
-@_made
 def recorded(folder: Path) -> None:
-    """A data set of one episode."""
     os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")
