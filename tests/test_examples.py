@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("stable_baselines3")
 import torch
 
 from fuzzyarm.policies import resolve

@@ -15,7 +15,6 @@ from fuzzyarm.policies.tip_bound import TipClaim, problem_of
 from fuzzyarm.proof.tip.laps import StartBox
 from fuzzyarm.proof.tip.plant import PlantSet
 
-pytest.importorskip("onnx")
 MODES = {"back": -1, "stick": 0, "forth": 1}
 FACTORS = ("mass", "motor_inertia", "stiffness", "damping", "viscous_friction", "dry_friction")
 SPACE = "{http://www-verimag.imag.fr/xml-namespaces/sspaceex}"

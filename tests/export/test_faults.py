@@ -3,6 +3,7 @@
 import ctypes
 
 import numpy as np
+import onnxruntime as ort
 import pytest
 from support.exported import needs_compiler, random_observations
 from test_c import compiled
@@ -36,7 +37,7 @@ class InOnnx:
     """The same by onnxruntime."""
 
     def __init__(self, file):
-        self.session = pytest.importorskip("onnxruntime").InferenceSession(str(file))
+        self.session = ort.InferenceSession(str(file))
         self.begin()
 
     def begin(self):

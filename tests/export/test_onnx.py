@@ -6,6 +6,7 @@ The operator Where of onnxruntime returns 0 for -0, and the signs of zeros are n
 import itertools
 
 import numpy as np
+import onnxruntime as ort
 import pytest
 from slow_twins import slow_but
 from support.exported import random_observations
@@ -14,8 +15,6 @@ from test_c import FUNCTIONS, recorded
 from fuzzyarm import load_policy
 from fuzzyarm.export.onnx_file import _Graph as Graph
 from fuzzyarm.export.onnx_file import export_onnx
-
-ort = pytest.importorskip("onnxruntime")
 
 
 def session(file):

@@ -14,6 +14,7 @@ from unittest import mock
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.trainings import resumed_to_the_bit
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
@@ -113,7 +114,6 @@ def test_a_controller_has_margins_and_a_sweep(page, tmp_path, capsys, few_postur
 
 @pytest.mark.usefixtures("page", "undrawn")
 def test_an_algorithm_trains_and_its_policy_is_evaluated(tmp_path):
-    pytest.importorskip("stable_baselines3")
     out, settings = tmp_path / "run", {"lanes": 4, "total-timesteps": 1000, "n-steps": 25, "seed": 3}
     words = [word for name, value in settings.items() for word in (f"--{name}", str(value))]
     assert main(["train", "search", *words, "--out", str(out)]) == 0
@@ -127,9 +127,6 @@ def test_an_algorithm_trains_and_its_policy_is_evaluated(tmp_path):
 
 @pytest.mark.usefixtures("page")
 def test_an_algorithm_from_outside_is_shipped_and_resumed(tmp_path):
-    pytest.importorskip("stable_baselines3")
-    from support.trainings import resumed_to_the_bit
-
     config = ALGORITHMS["search"].config(lanes=4, total_timesteps=800, checkpoint_interval=240)
     resumed_to_the_bit(config, tmp_path, 400)
     lines = (tmp_path / "whole" / "curve.csv").read_text().splitlines()

@@ -14,8 +14,9 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm import ArmParameters
 from fuzzyarm.policies._onnx_model import OnnxPolicy
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv, FuzzyArmLearnVectorEnv
@@ -92,7 +93,6 @@ def test_the_pages_of_other_libraries_run(script, library, words, tmp_path):
 
 @pytest.mark.slow
 def test_torchrl_is_shown_the_episodes_of_the_tensors(monkeypatch):
-    torch = pytest.importorskip("torch")
     pytest.importorskip("torchrl")
     monkeypatch.syspath_prepend(EXAMPLES)
     page = importlib.import_module("torchrl_tensors")

@@ -11,11 +11,8 @@ import zipfile
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
 import torch
 
-pytest.importorskip("stable_baselines3")
 from fuzzyarm.rl_baselines import _checkpoint as checkpoint
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training

@@ -4,8 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
 import torch
 
 from fuzzyarm import ArmParameters, load_policy, robot_named

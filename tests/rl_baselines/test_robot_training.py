@@ -5,9 +5,6 @@ import json
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
-
 from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.cli import main
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle

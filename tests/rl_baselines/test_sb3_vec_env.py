@@ -8,6 +8,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RescaleAction
 from slow_twins import slow_but
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecNormalize
 from support.batches import torques
 from support.results import identical
 
@@ -15,11 +17,6 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
-
-pytest.importorskip("stable_baselines3")
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecNormalize
-
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))

@@ -9,9 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
 import torch
 from support.bundles import answering
 from support.trainings import stopped
