@@ -51,9 +51,7 @@ COMMANDS = {
     "prove by cells": [*PROVE, "--set", "set.toml", "--cells", "damping-1", "2", "--out", "out/cells.json"],
     "dataset": ["dataset", "--level", "medium", "--episodes", "1", "--out", "out"],
     "linearise": ["linearise", "fuzzy-1", "--out", "out"],
-    "export c": ["export", "c", "fuzzy-1", "--out", "out"],
-    "export fmu": ["export", "fmu", "fuzzy-1", "--out", "out"],
-    "export onnx": ["export", "onnx", "fuzzy-1", "--out", "out"],
+    **{f"export {kind}": ["export", kind, "fuzzy-1", "--out", "out"] for kind in ("c", "fmu", "onnx")},
     "identify": ["identify", "log.csv", "--out", "out/arm.toml", "--figure", "out/figure.png"],
 }  # fmt: skip
 NEW = ("sweep", "train", "tune")  # which want a new folder
@@ -296,8 +294,7 @@ def test_a_full_disk_leaves_whole_files_and_no_success(name):
     _, whole = uninterrupted(name)
     folder = begun(name)
     run = Run(COMMANDS[name], folder, largest=FULL)
-    code = run.wait()
-    check_errors(code, run.err)
+    check_errors(code := run.wait(), run.err)
     check_whole(folder)
     missing = names(whole / "out") - names(folder / "out")
     assert code != 0 or not missing, f"exit code 0 without {sorted(missing)}"
