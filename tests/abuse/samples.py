@@ -166,9 +166,9 @@ def tuned(folder: Path) -> None:
     arm.write_toml(folder / "robot.toml")
     shutil.copy(CONTROLLERS / "fuzzy-1.json", folder)
     weights = {"observer": dataclasses.asdict(ObserverWeights()), "adaptive": dataclasses.asdict(AdaptiveWeights())}
-    laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
-    (folder / NAME).write_text(laws.to_json())
     digest = robot_of(arm).digest
+    laws = TunedLaws(SCHEMA, digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
+    (folder / NAME).write_text(laws.to_json())
     one = finding.Finding(finding.SCHEMA, digest, COMPUTED_TORQUE, {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One.")
     finding.write_finding(folder, one)
 

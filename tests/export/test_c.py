@@ -120,9 +120,8 @@ def test_an_export_replaces_no_other_one(first, second, more, tmp_path):
     law = load_policy("fuzzy-1")
     files = export_c(first, law, tmp_path)
     before = [file.read_bytes() for file in files]
-    other = load_policy(more.get("name", "fuzzy-1"))
     with pytest.raises(ValueError, match=r"arm.*\.[hc] already exists with different content: remove it, or choose"):
-        export_c(second, other, tmp_path, more.get("number", "double"))
+        export_c(second, load_policy(more.get("name", "fuzzy-1")), tmp_path, more.get("number", "double"))
     assert export_c(first, law, tmp_path) == files
     assert [file.read_bytes() for file in files] == before and len(list(tmp_path.iterdir())) == len(files)
 
@@ -259,9 +258,8 @@ def test_a_policy_without_a_law_is_refused():
 def test_the_square_root_is_rounded_correctly(real, kind, tmp_path):
     text = f"void all(long n, const {real} *x, {real} *y);\nvoid all(long n, const {real} *x, {real} *y)\n"
     text += "{\n    long k;\n    for (k = 0; k < n; k++) {\n        y[k] = sqrt_(x[k]);\n    }\n}\n"
-    own = _helper_text("sqrt", real)
-    (tmp_path / "root.c").write_text(f"#include <float.h>\n{own}{text}", encoding="utf-8")
-    library = compiled(tmp_path / "root.c", "-shared", "-fPIC")
+    (tmp_path / "root.c").write_text(f"#include <float.h>\n{_helper_text('sqrt', real)}{text}", encoding="utf-8")
+    library = ctypes.CDLL(str(compiled(tmp_path / "root.c", "-shared", "-fPIC")))
     rng, limits, bits = np.random.default_rng(0), np.finfo(kind), {"double": np.uint64, "float": np.uint32}[real]
     squares = rng.uniform(1.0, 2.0, 10_000).astype(kind) ** 2
     powers = kind(2.0) ** np.arange(np.log2(limits.smallest_subnormal), limits.maxexp).astype(kind)
@@ -271,7 +269,7 @@ def test_the_square_root_is_rounded_correctly(real, kind, tmp_path):
     with np.errstate(all="ignore"):
         x = np.concatenate([x, np.nextafter(x, kind(0.0)), np.nextafter(x, kind(np.inf))])
     y = np.empty_like(x)
-    ctypes.CDLL(str(library)).all(ctypes.c_long(len(x)), *(a.ctypes.data_as(ctypes.c_void_p) for a in (x, y)))
+    library.all(ctypes.c_long(len(x)), *(a.ctypes.data_as(ctypes.c_void_p) for a in (x, y)))
     with np.errstate(invalid="ignore"):
         np.testing.assert_array_equal(y, np.sqrt(x))
 

@@ -30,8 +30,7 @@ def test_the_code_of_the_page_is_the_shipped_law(capsys):
     policy, rng = load_policy("fuzzy-4"), np.random.default_rng(3)
     seen = rng.uniform(-2.0, 2.0, (300, 10))
     seen[::2, 4:6] = seen[::2, :2] + rng.normal(scale=1e-3, size=(150, 2))
-    integral = rng.normal(scale=1e-3, size=(300, 2))
-    for observation, x_I in zip(seen, integral, strict=True):
+    for observation, x_I in zip(seen, rng.normal(scale=1e-3, size=(300, 2)), strict=True):
         torque, state = policy.predict(observation, x_I)
         own, after = names["step"](observation, x_I)
         np.testing.assert_allclose(own, torque, rtol=1e-11, atol=1e-9)

@@ -146,9 +146,8 @@ def test_units_scale_with_the_arm():
 @pytest.mark.usefixtures("few_references")
 def test_motors_too_weak_for_any_course_are_named():
     weak = dataclasses.replace(ARM, torque_limit=(30.0, 10.0))
-    with pytest.raises(
-        ValueError, match=r"only 0 of 100 random motions and loads stay within the motors' torque limits; needed: "
-    ):
+    message = "only 0 of 100 random motions and loads stay within the motors' torque limits; needed: "
+    with pytest.raises(ValueError, match=message):
         draw_courses(weak, 1, PERIOD, np.random.default_rng(0))
 
 
@@ -156,8 +155,7 @@ def test_motors_too_weak_for_any_course_are_named():
 def test_the_same_seed_gives_the_same_network():
     trained, again = (EstimateTraining(EstimateConfig(**SHORT)).run() for _ in range(2))
     for field in dataclasses.fields(EstimateNetwork):
-        one, two = getattr(trained.network, field.name), getattr(again.network, field.name)
-        assert one.tobytes() == two.tobytes()
+        assert getattr(trained.network, field.name).tobytes() == getattr(again.network, field.name).tobytes()
     untrained = Student(5, 2, torch.Generator().manual_seed(0), two_joints()).network()
     assert trained.network.A.tobytes() != untrained.A.tobytes()
     assert [row["chunk"] for row in trained.curve] == [0, 1]

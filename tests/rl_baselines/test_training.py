@@ -75,8 +75,7 @@ def test_a_stopped_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
 def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     """What was done keeps its bits; then the learning rate falls as if the new total had been that of the beginning."""
     folder = shutil.copytree(whole, tmp_path / "run")
-    longer = words(FLAGS | {"total_timesteps": 9216})
-    assert main(["train", "ppo", *longer, "--out", str(folder)]) == 0
+    assert main(["train", "ppo", *words(FLAGS | {"total_timesteps": 9216}), "--out", str(folder)]) == 0
     before, after = ((one / "curve.csv").read_text().splitlines() for one in (whole, folder))
     assert after[: len(before)] == before and len(after) == len(before) + 6
     rows = list(csv.DictReader(after))
@@ -112,9 +111,8 @@ def test_a_run_that_was_killed_before_it_wrote_its_times_writes_them(whole, tmp_
 
 @pytest.mark.parametrize("distribution", ["nominal", pytest.param("robust", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distribution, tmp_path):
-    config = replace(SMALL, distribution=distribution)
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        Training(replace(config, seed=seed), tmp_path / name).run()
+        Training(replace(SMALL, distribution=distribution, seed=seed), tmp_path / name).run()
     a, b, c = (results(tmp_path / name) for name in "abc")
     assert a == b and a["policy/weights.safetensors"] != c["policy/weights.safetensors"]
 
