@@ -22,22 +22,16 @@ TORQUE = np.array([60.0, -25.0])
 INTEGRATORS = tuple(peer.STICK_RATE)
 
 
+RANGES = {"mass": (0.5, 20.0), "inertia": (0.01, 1.0), "viscous_friction": (0.1, 1.0), "motor_inertia": (0.1, 3.0)}
+RANGES |= {"stiffness": (1e3, 1e5), "damping": (1.0, 30.0), "static_friction": (0.5, 5.0), "length": (0.2, 1.5)}
+
+
 def random_case(seed):
     rng = np.random.default_rng(seed)
-    length, friction = rng.uniform(0.2, 1.5, 2), tuple(rng.uniform(0.5, 5.0, 2).tolist())
-    parameters = ArmParameters(
-        length=tuple(length.tolist()),
-        mass=tuple(rng.uniform(0.5, 20.0, 2).tolist()),
-        inertia=tuple(rng.uniform(0.01, 1.0, 2).tolist()),
-        mass_center=tuple((length * rng.uniform(0.1, 1.0, 2)).tolist()),
-        gravity=float(rng.uniform(1.0, 20.0)),
-        viscous_friction=tuple(rng.uniform(0.1, 1.0, 2).tolist()),
-        motor_inertia=tuple(rng.uniform(0.1, 3.0, 2).tolist()),
-        stiffness=tuple(rng.uniform(1e3, 1e5, 2).tolist()),
-        damping=tuple(rng.uniform(1.0, 30.0, 2).tolist()),
-        static_friction=friction,
-        coulomb_friction=friction,
-    )
+    drawn = {name: rng.uniform(*ends, 2) for name, ends in RANGES.items()}
+    drawn |= {"coulomb_friction": drawn["static_friction"], "mass_center": drawn["length"] * rng.uniform(0.1, 1.0, 2)}
+    pairs = {name: tuple(pair.tolist()) for name, pair in drawn.items()}
+    parameters = ArmParameters(**pairs, gravity=float(rng.uniform(1.0, 20.0)))
     payload = Payload(float(rng.uniform(0.5, 8.0)), "tip" if seed % 2 else "link") if seed >= 2 else Payload()
     state = np.concatenate([rng.uniform(-np.pi, np.pi, 4), rng.uniform(-10.0, 10.0, 4)])
     return parameters, payload, state
