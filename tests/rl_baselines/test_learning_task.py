@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from support.bundles import answering, bundle
+from support.results import identical
 
 from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -120,8 +121,7 @@ def test_a_state_goes_on_bit_for_bit_and_not_in_other_lanes():
     state = one.get_state()
     two.set_state(state)
     for action in actions[30:]:
-        for a, b in zip(one.step(action)[:4], two.step(action)[:4], strict=True):
-            np.testing.assert_array_equal(a, b)
+        assert identical(one.step(action)[:4], two.step(action)[:4])
     with pytest.raises(ValueError, match="other plants, scenarios, randomisation or periods, or to another number"):
         FuzzyArmLearnVectorEnv(3, "payload", history=2).set_state(state)
     with pytest.raises(ValueError, match="must be an array"):
