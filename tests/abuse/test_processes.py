@@ -148,7 +148,7 @@ def _stand_ins() -> None:
     from fuzzyarm.identification import _two_joints
 
     def step(policy: str, chosen: Any) -> Any:
-        return steps.Step(policy, 1, lambda context: search.Found(chosen, {}, {"nominal": 0.9}, 1))
+        return steps.TuningStep(policy, 1, lambda context: search.Found(chosen, {}, {"nominal": 0.9}, 1))
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))
     linearisation.POSTURES = 2
