@@ -16,12 +16,11 @@ import pytest
 import rich.console
 from support.command_line import one_line_error
 
-from fuzzyarm import __version__
+from fuzzyarm import EvaluationConfig, __version__
 from fuzzyarm.cli import main
 from fuzzyarm.cli._application import GROUPS, command_line
 from fuzzyarm.eval.episodes.metrics import columns
 from fuzzyarm.eval.evaluation.result_table import certificate_lines, print_results
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 MISTAKES = [
     ("evalute", "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),

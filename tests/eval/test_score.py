@@ -5,10 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.cli._application import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.eval import score
 

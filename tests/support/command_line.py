@@ -2,6 +2,8 @@
 
 import re
 
+from fuzzyarm.cli import main
+
 
 def without_progress(err):
     """Return what went to standard error but for progress, whose first line comes after a second or two."""
@@ -14,3 +16,9 @@ def one_line_error(capsys):
     assert err.count("\n") == 1
     assert "Traceback" not in err
     return err
+
+
+def refused(capsys, *words):
+    """Return the one line that a command with exit code 2 leaves on standard error."""
+    assert main([str(word) for word in words]) == 2
+    return one_line_error(capsys)

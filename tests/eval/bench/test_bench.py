@@ -2,9 +2,9 @@
 
 import contextlib
 import dataclasses
-import io
 import itertools
 import json
+from unittest import mock
 
 import gymnasium as gym
 import pytest
@@ -25,36 +25,24 @@ def entry(name, speeds, log=None, **fields):
     @contextlib.contextmanager
     def opened():
         remaining = iter([0.0, *speeds])  # the speed of the warm-up is dropped
-
-        def measure(seconds):
-            log.append((name, seconds))
-            return next(remaining)
-
         log.append((name, "open"))
         try:
-            yield measure
+            yield lambda seconds: log.append((name, seconds)) or next(remaining)
         finally:
             log.append((name, "close"))
 
-    fields = {"lanes": 4, "threads": 2, "dtype": "float64"} | fields
-    return Entry(name, open=opened, **fields)
+    return Entry(name, open=opened, **{"lanes": 4, "threads": 2, "dtype": "float64"} | fields)
 
 
 def absent(name, error, **fields):
-    @contextlib.contextmanager
-    def opened():
-        raise error
-        yield
-
-    return dataclasses.replace(entry(name, [], **fields), open=opened)
+    return dataclasses.replace(entry(name, [], **fields), open=mock.Mock(side_effect=error))
 
 
 FIVE = [100.0, 200.0, 300.0, 400.0, 500.0]
 
 
 def test_a_speed_is_steps_over_time_on_the_clock():
-    ticks = itertools.count(start=7.0, step=0.25)
-    calls = []
+    ticks, calls = itertools.count(start=7.0, step=0.25), []
     measure = timed(lambda: calls.append(None) or 3, clock=lambda: next(ticks))
     assert measure(1.0) == 3 * 4 / 1.0  # the fourth call ends at one second
     assert len(calls) == 4
@@ -62,10 +50,8 @@ def test_a_speed_is_steps_over_time_on_the_clock():
 
 
 def test_entries_take_turns_after_all_are_warm_and_are_closed():
-    log = []
-    group = [entry(name, FIVE, log) for name in "ab"]
-    rows = race("group", group, 5, 0.5)
-    warm = bench_module._WARM_UP
+    log, warm = [], bench_module._WARM_UP
+    rows = race("group", [entry(name, FIVE, log) for name in "ab"], 5, 0.5)
     assert log[:4] == [("a", "open"), ("a", warm), ("b", "open"), ("b", warm)]
     assert log[4:-2] == [("a", 0.5), ("b", 0.5)] * 5
     assert sorted(log[-2:]) == [("a", "close"), ("b", "close")]
@@ -94,8 +80,7 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     ],
 )
 def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
-    own, peer = entry("own", FIVE), absent("peer", error, peer="Peer")
-    ours, theirs = race("group", [own, peer], 5, 0.5)
+    ours, theirs = race("group", [entry("own", FIVE), absent("peer", error, peer="Peer")], 5, 0.5)
     assert (theirs["reason"], theirs["steps_per_s"]) == (reason, None)
     assert ours["reason"] is None and ours["steps_per_s"]["median"] == 300.0 and ours["ratios"] == {}
 
@@ -104,17 +89,17 @@ def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
 def small(monkeypatch):
     """Return the configuration of a table of made-up entries."""
 
-    def tip_error():
-        return 2e-6
+    def times(factor):
+        return [factor * speed for speed in FIVE]
 
     pendulum = entry("Pendulum-v1", [50.0] * 5, peer="Pendulum")
     missing = absent("torch", RuntimeError("no torch"), tip_error=None, dtype="float32")
-    groups = {"one environment": [entry("own", FIVE, tip_error=tip_error), pendulum]}
-    groups["64 lanes"] = [entry("own", [2.0 * speed for speed in FIVE], tip_error=tip_error), missing]
+    one, more = (entry("own", times(factor), tip_error=lambda: 2e-6) for factor in (1.0, 2.0))
+    groups = {"one environment": [one, pendulum], "64 lanes": [more, missing]}
     sweep = {
         f"sweep, {lanes} lanes": [
-            entry("own", [lanes * speed for speed in FIVE], lanes=lanes),
-            entry("torch", [2.0 * lanes * speed for speed in FIVE], lanes=lanes, dtype="float32"),
+            entry("own", times(lanes), lanes=lanes),
+            entry("torch", times(2.0 * lanes), lanes=lanes, dtype="float32"),
             absent("GPU", RuntimeError("no GPU"), lanes=lanes),
         ]
         for lanes in (1, 4, 16)
@@ -150,9 +135,9 @@ def test_the_table(small):
     assert headings[-3:] == ["steps/s [thousand]", "× Pendulum", "tip error [µm]"]
     assert cells[0][-3:] == ["0.300 (0.200-0.400)", "6.00 (4.00-8.00)", "2"]
     assert cells[3][-3:] == ["not measured", "", ""]
-    out = io.StringIO()
-    print_speeds(document, Console(file=out, width=200))
-    text = out.getvalue()
+    with (console := Console(width=200)).capture() as captured:
+        print_speeds(document, console)
+    text = captured.get()
     assert "Not measured: torch: no torch." in text and text.count("not measured") == 1
     assert "Not measured: GPU: no GPU." in text  # named once, and no row of the sweep
     assert "Memory: 321 bytes for each further lane" in text and "5 rounds of 0.5 s" in text

@@ -19,6 +19,10 @@ def circle(phase):
     return np.column_stack([0.35 + 0.2 * np.cos(phase), 0.65 + 0.2 * np.sin(phase)])
 
 
+def line(phase):
+    return np.column_stack([0.4 + 0.1 * phase / 6.0, 0.5 + 0.0 * phase])
+
+
 def episode(policy="a", case="nominal", *, samples=60, error=1e-3, completed=True, curve=circle):
     """Return a made-up rollout whose tip goes round `curve` with deviations of size `error` [m]."""
     phase = np.linspace(0.0, 2.0 * np.pi, 60)[:samples]
@@ -73,49 +77,37 @@ def curves(axes, samples):
     return [line for line in axes.lines if len(line.get_xdata()) == samples and line.get_label() != "reference"]
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """Two policies in two cases, written once."""
-    folder = tmp_path_factory.mktemp("figures")
-    calls = []
-    rollouts = [*TWO, *(dataclasses.replace(one, case="payload") for one in TWO), episode("fuzzy-4", "machining")]
-    return write_figures(rollouts, folder, lambda: calls.append(1)), folder, calls
-
-
 @pytest.mark.slow
-def test_every_figure_is_written_in_both_formats(written):
-    paths, folder, calls = written
+def test_every_figure_is_written_in_both_formats_with_the_same_bytes_whatever_the_global_settings(tmp_path):
+    first, second, calls = tmp_path / "first", tmp_path / "second", []
+    first.mkdir()
+    second.mkdir()
+    rollouts = [*TWO, *(dataclasses.replace(one, case="payload") for one in TWO), episode("fuzzy-4", "machining")]
+    paths = write_figures(rollouts, first, lambda: calls.append(1))
     names = {f"{case}-{name}" for case in ("nominal", "payload") for name in WITHOUT_FORCE}
     names |= {f"machining-{name}" for name in WITH_FORCE} | {"overview"}
     assert {path.name for path in paths} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
-    assert set(folder.iterdir()) == set(paths)
-    assert len(calls) == len(names)
-    with Image.open(folder / "overview.png") as picture:
+    assert set(first.iterdir()) == set(paths) and len(calls) == len(names)
+    with Image.open(first / "overview.png") as picture:
         assert picture.width >= 800 and picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
-
-
-@pytest.mark.slow
-def test_a_second_run_gives_the_same_svg_whatever_the_global_settings_and_leaves_those_alone(written, tmp_path):
-    _, folder, _ = written
     with matplotlib.rc_context({"font.size": 20.0, "xtick.direction": "in", "axes.labelpad": 30.0}):
         before = dict(matplotlib.rcParams)
-        paths = write_figures(TWO, tmp_path)
+        again = write_figures(TWO, second)
         assert dict(matplotlib.rcParams) == before
-    for path in paths:
+    for path in again:
         if path.suffix == ".svg" and path.name != "overview.svg":
-            assert path.read_bytes() == (folder / path.name).read_bytes()
+            assert path.read_bytes() == (first / path.name).read_bytes()
 
 
-@pytest.mark.parametrize("curve", [circle, lambda phase: np.column_stack([0.4 + 0.1 * phase / 6.0, 0.5 + 0.0 * phase])])
+@pytest.mark.parametrize("curve", [circle, line])
 def test_axes_have_labels_with_units_and_legends_name_every_policy(curve):
     figures = draw_figures([episode("a", "machining", curve=curve), episode("b", "machining", curve=curve)])
     assert set(figures) == {*(f"machining-{name}" for name in WITH_FORCE), "overview"}
     for name, figure in figures.items():
         labels = [figure.axes[-1].get_xlabel(), *(axes.get_ylabel() for axes in figure.axes)]
         assert all(label.endswith("]") and "[" in label for label in labels), name
-        assert any("circularity" in label for label in labels) == (
-            curve is circle and name in ("machining-circularity", "overview")
-        )
+        is_round = curve is circle and name in ("machining-circularity", "overview")
+        assert any("circularity" in label for label in labels) == is_round
         if name != "machining-force":
             assert set(legend(figure)) >= {"a", "b"}
         assert "ended early" not in legend(figure)
@@ -139,8 +131,7 @@ def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_s
     np.testing.assert_allclose(curves(link, 60)[0].get_ydata(), 1e3 * episode().circularity_error)
     np.testing.assert_allclose(curves(motor, 60)[0].get_ydata(), 1e3 * episode().circularity_error_motor)
     assert motor.get_ylim() == link.get_ylim()
-    assert "circularity error" in link.get_ylabel()
-    assert "error" not in motor.get_ylabel()
+    assert "circularity error" in link.get_ylabel() and "error" not in motor.get_ylabel()
 
 
 def test_tip_errors_decades_apart_are_all_seen(keep):
@@ -178,11 +169,10 @@ def test_the_path_of_a_lost_arm_is_whole_or_named(keep):
     assert alone.get_xlim()[0] < left and right < alone.get_xlim()[1]
     assert alone.get_ylim()[1] < top and bottom < alone.get_ylim()[0]
     np.testing.assert_allclose(crosses(alone), [lost.tip[-1, ::-1]])
-    assert not alone.texts or all(not text.get_text() for text in alone.texts)
+    assert not any(text.get_text() for text in alone.texts)
     beside = draw_figures([episode("good"), lost])["nominal-path"].axes[0]
-    assert [text.get_text() for text in beside.texts if text.get_text()] == [
-        f"off the scale:\nlost up to {1e3 * lost.tip_error.max():.3g} mm"
-    ]
+    said = [text.get_text() for text in beside.texts if text.get_text()]
+    assert said == [f"off the scale:\nlost up to {1e3 * lost.tip_error.max():.3g} mm"]
 
 
 @pytest.mark.parametrize("completed", [True, False])
@@ -192,8 +182,7 @@ def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
     error = figures["overview"].axes[1]
     assert error.get_ylim()[1] < 1.2  # mm; the good one reaches 1.0
     assert "bad up to" in error.texts[0].get_text()
-    for _, y in crosses(error):
-        assert y in error.get_ylim()
+    assert all(y in error.get_ylim() for _, y in crosses(error))
     assert not figures["nominal-torque"].axes[0].texts
 
 
@@ -210,9 +199,7 @@ ANGLES = np.linspace(0.0, 2.0 * np.pi, 50)
 
 
 def circle_in_space(first, second):
-    return np.array([0.3, -0.2, 0.5]) + 0.2 * (
-        np.cos(ANGLES)[:, np.newaxis] * np.array(first) + np.sin(ANGLES)[:, np.newaxis] * np.array(second)
-    )
+    return [0.3, -0.2, 0.5] + 0.2 * (np.outer(np.cos(ANGLES), first) + np.outer(np.sin(ANGLES), second))
 
 
 @pytest.mark.parametrize(

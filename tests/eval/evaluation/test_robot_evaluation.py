@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from fuzzyarm import EvaluationConfig, evaluate, robot_named, write_results
 from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.physics.equations import bounds_of
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.result_table import table_rows
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 
 ROBOT = robot_named("planar-3r")
 pytestmark = pytest.mark.slow  # its simulation is compiled first

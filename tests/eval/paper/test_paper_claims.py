@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fuzzyarm import Controller, certify
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.eval.paper._claims import CLAIMS, Claim
 from fuzzyarm.eval.paper.evidence import _HIGH_GAIN as HIGH_GAIN
@@ -15,10 +16,8 @@ from fuzzyarm.eval.paper.evidence import _PAPERS_OWN as PAPERS_OWN
 from fuzzyarm.eval.paper.evidence import _SWAPPED as SWAPPED
 from fuzzyarm.eval.paper.evidence import _WITNESSES as WITNESSES
 from fuzzyarm.eval.paper.evidence import FORMS, RULES, _prove_witnesses
-from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.printed_gains import _K as PAPER_K
 from fuzzyarm.fuzzy_policy.laws.printed_gains import _L as PAPER_L
-from fuzzyarm.proof.certificate import certify
 
 BY_KEY = {claim.key: claim for claim in CLAIMS}
 TABLE_2 = {

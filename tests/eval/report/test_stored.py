@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from support.altered_evaluations import with_runs, write
 
+from fuzzyarm import Rollout, TipClaim, find_bound, save_bound
 from fuzzyarm.cli import main
-from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.report.certificates import checked_bounds, tube_section
-from fuzzyarm.policies.tip_bound import TipClaim, find_bound
-from fuzzyarm.policies.tip_files import save_bound
 from fuzzyarm.proof.tip.plant import PlantSet
 
 KEPT = "a page made before"

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import scipy.io
 
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability import _linearisation as linearisation
 from fuzzyarm.eval.stability.linear_models import linear_models
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.policies import load_policy
 
 ARM, PERIOD = ArmParameters(), 1e-3
 

@@ -11,10 +11,9 @@ import pytest
 from support.springs import Springs
 from support.two_joints import hold
 
+from fuzzyarm import ArmParameters, Robot, load_policy
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability._linearisation import (
     LocalLoop,
     gain_limits,
@@ -24,7 +23,6 @@ from fuzzyarm.eval.stability._linearisation import (
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
-from fuzzyarm.policies import load_policy
 
 ARM = ArmParameters()
 SMOOTH = dataclasses.replace(ARM, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))

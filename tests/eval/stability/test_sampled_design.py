@@ -4,14 +4,11 @@ import dataclasses
 
 import pytest
 
+from fuzzyarm import ArmParameters, Controller, DesignFailed, Specification, design, load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.equations import corners_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability.margins import ends_in_words, ends_of
 from fuzzyarm.eval.stability.sampled_design import first_with_margins, why_unstable
-from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.policies import load_policy
-from fuzzyarm.synthesis import DesignFailed, Specification, design
 from fuzzyarm.synthesis.specification import ALPHAS, gamma_for
 
 pytestmark = pytest.mark.usefixtures("few_postures")

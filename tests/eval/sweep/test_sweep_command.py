@@ -4,11 +4,12 @@ import importlib
 import json
 import shutil
 import sys
+from unittest import mock
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from support.command_line import without_progress
+from support.command_line import refused, without_progress
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.sweep import run
@@ -20,12 +21,11 @@ def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def refused(capsys, folder, arguments, expected):
+def assert_refused(capsys, folder, arguments, expected):
     """Check that a command ends with one line and exit code 2, and changes nothing."""
     before = contents(folder)
-    assert main(["sweep", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and error.startswith("fuzzyarm sweep: ") and expected in error, error
+    error = refused(capsys, "sweep", *arguments, "--out", folder)
+    assert error.startswith("fuzzyarm sweep: ") and expected in error, error
     assert contents(folder) == before
 
 
@@ -38,8 +38,7 @@ def empty_pages(monkeypatch, module, draw):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished") / "sweep"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.sweep._figures.write_sweep_figures", lambda *_: [])
+    with mock.patch("fuzzyarm.eval.sweep._figures.write_sweep_figures", return_value=[]):
         assert main(["sweep", *QUICK, "--out", str(folder)]) == 0
     return folder
 
@@ -55,13 +54,9 @@ def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypa
     assert main(["sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", str(out)]) == 0
     printed = capsys.readouterr()
     assert "Case 1: nominal" in printed.out and "success, below 5 mm [%]" in printed.out
-    assert without_progress(printed.err) == ""
-    assert "\x1b" not in printed.out
-    names = {path.name for path in out.iterdir()}
-    assert names == {
-        "run.json", "chunks", "sweep.json", "episodes.npz", "spread.png", "spread.svg",
-        "map-fuzzy-4.png", "map-fuzzy-4.svg",
-    }  # fmt: skip
+    assert without_progress(printed.err) == "" and "\x1b" not in printed.out
+    figures = {f"{name}.{kind}" for name in ("spread", "map-fuzzy-4") for kind in ("png", "svg")}
+    assert {path.name for path in out.iterdir()} == {"run.json", "chunks", "sweep.json", "episodes.npz"} | figures
     document = json.loads((out / "sweep.json").read_text())
     assert document["command"].startswith("fuzzyarm sweep --policy fuzzy-4") and document["versions"]["numpy"]
     (row,) = document["rows"]
@@ -71,10 +66,7 @@ def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypa
 
 
 def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folder, capsys, monkeypatch, undrawn):
-    def run_chunk(*_):
-        raise AssertionError("all chunks are there")
-
-    monkeypatch.setattr("fuzzyarm.eval.sweep.run._run_chunk", run_chunk)
+    monkeypatch.setattr("fuzzyarm.eval.sweep.run._run_chunk", lambda *_: pytest.fail("all chunks are there"))
     before = contents(folder / "chunks")
     assert main(["sweep", "--resume", "--bound", "6.5", "--worst", "1", "--json", "--out", str(folder)]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -100,13 +92,13 @@ def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folde
     other = tmp_path / "other"
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
     capsys.readouterr()
-    (folder / "chunks" / "000000.npz").write_bytes((other / "chunks" / "000000.npz").read_bytes())
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "belongs to a different sweep")
+    shutil.copy(other / "chunks" / "000000.npz", folder / "chunks")
+    assert_refused(capsys, folder, ["--resume"], "belongs to a different sweep")
 
 
-def run_file(change):
+def run_file(old, new):
     """Return a change of the file that says what is run."""
-    return lambda folder: (folder / "run.json").write_text(change((folder / "run.json").read_text()))
+    return lambda folder: (folder / "run.json").write_text((folder / "run.json").read_text().replace(old, new))
 
 
 def cut(folder):
@@ -122,27 +114,23 @@ def cut(folder):
         (lambda folder: None, ["--resume", "--policy", "fuzzy-2"], "choose another --out"),
         (lambda folder: None, ["--resume", "--robot", "cicese"], "with other settings ("),
         (lambda folder: (folder / "run.json").unlink(), QUICK, "remove this folder, or choose another --out"),
-        (run_file(lambda text: text.replace('"plants": 6', '"plants": 5')), ["--resume"], "was changed"),
-        (
-            run_file(lambda text: text.replace("sweep/3", "sweep/1")),
-            ["--resume"],
-            "'fuzzyarm-sweep/1'; this version of fuzzyarm",
-        ),
+        (run_file('"plants": 6', '"plants": 5'), ["--resume"], "was changed"),
+        (run_file("sweep/3", "sweep/1"), ["--resume"], "'fuzzyarm-sweep/1'; this version of fuzzyarm"),
         (cut, ["--resume"], "000001.npz is damaged"),
     ],
 )
 def test_what_does_not_belong_to_a_sweep_is_not_mixed_in(folder, capsys, change, words, expected):
     change(folder)
-    refused(capsys, folder, [*words, "--out", str(folder)], expected)
+    assert_refused(capsys, folder, words, expected)
 
 
 def test_versions_are_not_mixed(folder, capsys, monkeypatch):
     newer = run._made_with() | {"code": "another"}
     monkeypatch.setattr(run, "_made_with", lambda: newer)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "or policy files (made_with: code ")
+    assert_refused(capsys, folder, ["--resume"], "or policy files (made_with: code ")
 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], '-e ".[cluster]"')
+    assert_refused(capsys, tmp_path, [*QUICK, "--backend", "ray"], '-e ".[cluster]"')
     assert not list(tmp_path.iterdir())

@@ -8,10 +8,8 @@ import json
 
 import pytest
 
+from fuzzyarm import ArmParameters, Engine, EvaluationConfig, evaluate
 from fuzzyarm.envs.physics.equations import chosen_arm
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.tuning.run import begin, tune
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.computed_torque import _BANDWIDTH

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from fuzzyarm import ArmParameters, Engine, TipClaim, find_bound
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
-from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability._linearisation import LocalLoop
 from fuzzyarm.eval.tuning import _fuzzy_gains as fuzzy_gains
 from fuzzyarm.eval.tuning import _observer_search as observer_search
@@ -18,7 +17,6 @@ from fuzzyarm.eval.tuning._fuzzy_gains import largest_deviation
 from fuzzyarm.eval.tuning._search import WORTH, Context, WeightSearch
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 
 PAPER = ArmParameters()
 
