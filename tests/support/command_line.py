@@ -19,6 +19,10 @@ def one_line_error(capsys):
 
 
 def refused(capsys, *words):
-    """Return the one line that a command with exit code 2 leaves on standard error."""
+    """Return the one line on standard error of a command line with exit code 2 and nothing on standard output."""
+    capsys.readouterr()  # of commands before
     assert main([str(word) for word in words]) == 2
-    return one_line_error(capsys)
+    out, err = capsys.readouterr()
+    err = without_progress(err)
+    assert out == "" and err.count("\n") == 1 and "Traceback" not in err
+    return err

@@ -15,32 +15,30 @@ from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
 from fuzzyarm.policies import COMPARED
 
 
+def reported(evaluation: Evaluation, folder: Path) -> Path:
+    """Write an evaluation into the folder with its report."""
+    assert main(["report", str(write(evaluation, folder))]) == 0
+    return folder
+
+
 @pytest.fixture(scope="session")
 def evaluation() -> Evaluation:
-    return evaluate(
-        EvaluationConfig(policies=("fuzzy-4", "computed-torque", "fuzzy-4-tip"), cases=("nominal", "machining"))
-    )
+    policies = "fuzzy-4", "computed-torque", "fuzzy-4-tip"
+    return evaluate(EvaluationConfig(policies=policies, cases=("nominal", "machining")))
 
 
 @pytest.fixture(scope="session")
 def folder(evaluation, tmp_path_factory) -> Path:
     """The evaluation of three policies in two cases, with its report."""
-    path = write(evaluation, tmp_path_factory.mktemp("report") / "evaluation")
-    assert main(["report", str(path)]) == 0
-    return path
+    return reported(evaluation, tmp_path_factory.mktemp("report"))
 
 
 @pytest.fixture(scope="session")
 def nasty_folder(evaluation, tmp_path_factory) -> Path:
     """Computed torque and a wild policy with a nasty name."""
-    runs = []
-    for run in evaluation.rollouts:
-        if run.policy == "computed-torque":
-            runs += [run, wild(run, NASTY, 700)]
-    made = with_runs(evaluation, runs)
-    path = write(made, tmp_path_factory.mktemp("nasty") / "evaluation")
-    assert main(["report", str(path)]) == 0
-    return path
+    own = [run for run in evaluation.rollouts if run.policy == "computed-torque"]
+    runs = [made for run in own for made in (run, wild(run, NASTY, 700))]
+    return reported(with_runs(evaluation, runs), tmp_path_factory.mktemp("nasty"))
 
 
 @pytest.fixture(scope="session")
@@ -59,8 +57,7 @@ def many_folders(evaluation, tmp_path_factory) -> dict[int, Path]:
         ]
         if count == 12:
             runs[-1] = wild(runs[-1], names[11], 700)
-        folders[count] = write(with_runs(evaluation, runs), tmp_path_factory.mktemp("many") / "e")
-        assert main(["report", str(folders[count])]) == 0
+        folders[count] = reported(with_runs(evaluation, runs), tmp_path_factory.mktemp("many"))
     return folders
 
 

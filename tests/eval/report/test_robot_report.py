@@ -47,15 +47,10 @@ def rollout(case, policy, offset):
 @pytest.fixture(scope="module")
 def robot_folder(tmp_path_factory):
     runs = [rollout(case, policy, 1e-3 * (1 + k)) for case in CASES for k, policy in enumerate(POLICIES)]
-    evaluation = Evaluation(
-        EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT),
-        runs,
-        [row_of(run) for run in runs],
-        dict.fromkeys(POLICIES),
-        dict.fromkeys(POLICIES),
-        {"command": None, "date": "2026-01-01", **current_provenance(), "policy_files": {p: {} for p in POLICIES}},
-        dict.fromkeys(POLICIES),
-    )
+    config, none = EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT), dict.fromkeys(POLICIES)
+    made_with = {"command": None, "date": "2026-01-01", "policy_files": {policy: {} for policy in POLICIES}}
+    made_with |= current_provenance()
+    evaluation = Evaluation(config, runs, [row_of(run) for run in runs], none, none, made_with, none)
     folder = write(evaluation, tmp_path_factory.mktemp("robot") / "evaluation")
     assert main(["report", str(folder)]) == 0
     return folder
@@ -81,11 +76,10 @@ def test_the_data_are_those_of_the_robot_and_its_loads(robot_folder):
 def test_the_page_moves_the_robot_as_the_package_does(page):
     """Places of the joints, and where the camera sees them: scaled, (right, down) of `Camera` is [down, right] here."""
     camera = looking_at(ROBOT, default_reference(ROBOT).tip(np.linspace(0.0, 1.0, 500)).position)
+    distance, axes, eye = (np.array(page.run(f"report.robot.{name}")) for name in ("distance", "axes", "eye"))
+    camera = camera._replace(axes=axes, eye=eye)
     for q in np.random.default_rng(0).uniform(-3.0, 3.0, (5, 6)):
         points = poses_of(ROBOT, q).points
         np.testing.assert_allclose(page.run(f"space.points({q.tolist()})"), points, atol=1e-12)
         seen = np.array(page.run(f"space.points({q.tolist()}).map(space.seen)"))
-        distance = page.run("report.robot.distance")
-        axes, eye = np.array(page.run("report.robot.axes")), np.array(page.run("report.robot.eye"))
-        own = camera._replace(axes=axes, eye=eye)
-        np.testing.assert_allclose(seen[:, ::-1], distance * own.pixels(points), atol=1e-9)
+        np.testing.assert_allclose(seen[:, ::-1], distance * camera.pixels(points), atol=1e-9)

@@ -32,11 +32,6 @@ PLANT = slice(0, 8)
 POLICIES = {"fuzzy-4": load_policy("fuzzy-4"), "computed-torque": ComputedTorquePolicy(ARM, PERIOD, 50.0)}
 
 
-def count_calls(observation: np.ndarray, state: Any) -> Any:
-    """A memory that grows by one a call."""
-    return np.zeros((len(observation), 1)) if state is None else state + 1.0
-
-
 def simulate(policy, posture, loop, deviation, steps, gain=1.0, delay=0.0, arm=None) -> np.ndarray:
     """Plant states (steps + 1, 8) less equilibrium, of the friction-free arm started `deviation` away from it."""
     state = (loop.equilibrium[PLANT] + deviation)[:, np.newaxis]
@@ -54,7 +49,6 @@ def simulate(policy, posture, loop, deviation, steps, gain=1.0, delay=0.0, arm=N
 
 
 def radius(matrix: np.ndarray) -> float:
-    """Largest |λ|."""
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
@@ -69,9 +63,9 @@ def stiffer(factor: float) -> ArmParameters:
     return dataclasses.replace(ARM, stiffness=(factor * ARM.stiffness[0], factor * ARM.stiffness[1]))
 
 
-def linearised(policy, arm, posture, period, payload=None) -> LocalLoop:
-    """The loop at its equilibrium near one posture."""
-    return linearise_at(policy, arm, posture, period, payload)[0]
+def linearised(policy, arm=ARM, payload=None) -> LocalLoop:
+    """The loop at its equilibrium near the posture."""
+    return linearise_at(policy, arm, POSTURE, PERIOD, payload)[0]
 
 
 # x⁺ = x + u, u = -x/2, and the same with an integral: u = -x/2 - s/10, s⁺ = s + x.
@@ -117,12 +111,7 @@ def test_gain_limits(loop: LocalLoop, delay: float, limits: tuple[float, float])
 @pytest.mark.parametrize(
     ("plant", "payload", "gain", "delay"),
     [
-        (ARM, None, 1.0, 0),
-        (ARM, None, 1.5, 0),
-        (ARM, None, 1.0, 0.5),
-        (ARM, None, 1.0, 1),
-        (ARM, None, 0.7, 1.5),
-        (ARM, None, 0.7, 2),
+        *((ARM, None, gain, delay) for gain, delay in ((1.0, 0), (1.5, 0), (1.0, 0.5), (1.0, 1), (0.7, 1.5), (0.7, 2))),
         (stiffer(0.8), None, 1.0, 0),
         (dataclasses.replace(ARM, viscous_friction=(50.0, 20.0)), None, 1.0, 0),
         (ARM, Payload(5.0), 1.0, 0.5),
@@ -130,11 +119,9 @@ def test_gain_limits(loop: LocalLoop, delay: float, limits: tuple[float, float])
 )
 @pytest.mark.parametrize("name", POLICIES)
 def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain, delay) -> None:
-    """A deviation of about 0.01 mrad over 200 periods, in units in which angles and velocities weigh alike.
-
-    The policy knows the nominal arm only.
-    """
-    loop, policy = linearised(POLICIES[name], plant, POSTURE, PERIOD, payload), POLICIES[name]
+    """A deviation of about 0.01 mrad over 200 periods, in units in which angles and velocities weigh alike."""
+    policy = POLICIES[name]  # which knows the nominal arm only
+    loop = linearised(policy, plant, payload)
     deviation = np.array([10.0, -5.0, 8.0, -7.0, 30.0, 200.0, -100.0, 50.0]) * 1e-6
     matrix = loop.matrix(gain, delay)
     start = np.concatenate([deviation, np.zeros(len(matrix) - 8)])
@@ -148,7 +135,6 @@ def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain,
 
 
 def test_payload_and_stiffness_change_the_radius_and_the_margin(few_postures: None) -> None:
-    """Each has to arrive at the plant."""
     plants = (ARM, None), (ARM, Payload(5.0)), (ARM, Payload(0.0)), (stiffer(0.8), None)
     nominal, loaded, empty, soft = (linearise_path(POLICIES["fuzzy-4"], arm, PERIOD, mass) for arm, mass in plants)
     radius = largest_radius(nominal)
@@ -160,9 +146,8 @@ def test_payload_and_stiffness_change_the_radius_and_the_margin(few_postures: No
 @pytest.mark.slow
 def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is() -> None:
     """The same arm by its parameters and as a robot, whose equations are generated: equal loops, with a payload."""
-    robot, loaded = Robot.of(ARM), Payload(5.0)
-    expected = linearised(ComputedTorquePolicy(ARM, PERIOD, 50.0), ARM, POSTURE, PERIOD, loaded)
-    found = linearised(ComputedTorquePolicy(robot, PERIOD, 50.0), robot, POSTURE, PERIOD, loaded)
+    robot = Robot.of(ARM)
+    expected, found = (linearised(ComputedTorquePolicy(arm, PERIOD, 50.0), arm, Payload(5.0)) for arm in (ARM, robot))
     np.testing.assert_allclose(found.equilibrium, expected.equilibrium, atol=1e-10)
     np.testing.assert_allclose(found.torque, expected.torque, atol=1e-6)
     for delay in (0.0, 0.5, 1.0):
@@ -193,7 +178,7 @@ def test_a_model_of_dry_friction_is_removed_with_the_friction() -> None:
 
 def test_equilibrium_of_a_loop_with_integral() -> None:
     """Motors on the reference, links bent by their gravity torque, at rest, and the motors carry that torque."""
-    loop = linearised(POLICIES["fuzzy-4"], ARM, POSTURE, PERIOD)
+    loop = linearised(POLICIES["fuzzy-4"])
     motor, link = loop.equilibrium[:2], loop.equilibrium[2:4]
     gravity = gravity_torque(np.sin(link[0]), np.sin(link.sum()), arm_constants(ARM))
     np.testing.assert_allclose(motor, POSTURE, atol=1e-9)
@@ -209,8 +194,7 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
     loops = linearise_path(policy, ARM, PERIOD)
     upper = gain_limits(loops, delay).upper
     loop = max(loops, key=lambda loop: radius(loop.matrix(1.01 * upper, delay)))
-    posture = loop.equilibrium[:2]  # with integral action the motors stand on the reference
-    deviation = np.repeat([1e-7, 0.0], 4)
+    posture, deviation = loop.equilibrium[:2], np.repeat([1e-7, 0.0], 4)  # with an integral it is the reference
     below, above = (simulate(policy, posture, loop, deviation, 1500, k * upper, delay) for k in (0.97, 1.03))
     assert np.abs(below[-50:]).max() < 1e-2 * np.abs(below).max()
     assert np.abs(above[-50:]).max() > 1e3 * np.abs(above[:50]).max()
@@ -218,7 +202,11 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
 
 def test_memory_that_the_torque_does_not_read_is_left_out() -> None:
     """A call counter adds no eigenvalue 1: the loop is that of the policy without memory, motors bent off."""
-    plain, counting = (linearised(Springs(memory), ARM, POSTURE, PERIOD) for memory in (None, count_calls))
+
+    def count_calls(observation: np.ndarray, state: Any) -> Any:
+        return np.zeros((len(observation), 1)) if state is None else state + 1.0
+
+    plain, counting = (linearised(Springs(memory)) for memory in (None, count_calls))
     np.testing.assert_array_equal(counting.matrix(), plain.matrix())
     assert plain.matrix().shape == (8, 8) and radius(plain.matrix()) < 1.0
     assert 1e-5 < np.abs(plain.equilibrium[:2] - POSTURE).max() < 1e-2
@@ -241,4 +229,4 @@ def test_policies_that_cannot_be_linearised_are_refused(policy, plant, message, 
     if "overflow" in message:
         monkeypatch.setattr("fuzzyarm.eval.stability._linearisation.fastest_rate", lambda arms: 0.0)
     with pytest.raises((TypeError, ValueError), match=message):
-        linearised(policy, plant, POSTURE, PERIOD)
+        linearised(policy, plant)
