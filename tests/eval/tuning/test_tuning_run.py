@@ -1,9 +1,10 @@
 """The run of a tuning: kept steps, resuming, and what is refused. The searches themselves are stood in for."""
 
 import json
+from unittest import mock
 
 import pytest
-from support.command_line import one_line_error
+from support.command_line import refused
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.stability.margins import _LIMITS
@@ -29,11 +30,9 @@ def chose(policy, chosen, calls, radii=RADII):
 @pytest.fixture
 def calls(monkeypatch):
     made = []
-    two = (
-        chose(COMPUTED_TORQUE, {"bandwidth": 40.0}, made),
-        chose(ELASTIC_OBSERVER, None, made, radii={"nominal": 1.2}),
-    )
-    monkeypatch.setattr(tuning, "steps_for", lambda arm: two)
+    law = chose(COMPUTED_TORQUE, {"bandwidth": 40.0}, made)
+    observer = chose(ELASTIC_OBSERVER, None, made, radii={"nominal": 1.2})
+    monkeypatch.setattr(tuning, "steps_for", lambda arm: (law, observer))
     return made
 
 
@@ -41,10 +40,8 @@ def calls(monkeypatch):
 def quick_margins(monkeypatch):
     """Stand in for the margins, which take a second."""
     row = {"policy": "computed-torque", "control_period": 1e-3, "spectral_radius": RADII, "reasons": {}}
-    document = {
-        "rows": [{**row, "loop_gain": dict.fromkeys(_LIMITS)}],
-        "method": {"control_period": 1e-3, "postures": 1},
-    }
+    row["loop_gain"] = dict.fromkeys(_LIMITS)
+    document = {"rows": [row], "method": {"control_period": 1e-3, "postures": 1}}
     monkeypatch.setattr(tuning, "measure_margins", lambda config, advance: document)
 
 
@@ -68,15 +65,11 @@ def test_a_tuning_writes_a_whole_folder(tmp_path, calls, capsys, few_postures):
 
 def test_an_interrupted_tuning_goes_on_to_the_same_folder(tmp_path, calls, quick_margins, monkeypatch, capsys):
     whole, broken = tmp_path / "whole" / "arm", tmp_path / "broken" / "arm"
-    for folder in (whole, broken):
-        folder.parent.mkdir()
+    whole.parent.mkdir()
+    broken.parent.mkdir()
     assert main(["tune", "--out", str(whole), "--jobs", "1"]) == 0
-    last = tuning.steps_for(None)
-
-    def interrupt(context):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(tuning, "steps_for", lambda arm: (last[0], steps.Step(ELASTIC_OBSERVER, 3, interrupt)))
+    last, interrupted = tuning.steps_for(None), mock.Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr(tuning, "steps_for", lambda arm: (last[0], steps.Step(ELASTIC_OBSERVER, 3, interrupted)))
     assert main(["tune", "--out", str(broken), "--jobs", "1"]) == 130
     assert "--resume" in capsys.readouterr().err and not (broken / NAME).exists()
     monkeypatch.setattr(tuning, "steps_for", lambda arm: last)
@@ -101,29 +94,25 @@ def test_no_stable_gains_are_a_result_that_fails(tmp_path, calls, monkeypatch, c
 
 
 def test_what_cannot_be_tuned_is_refused_in_one_line(tmp_path, calls, quick_margins, capsys):
-    out, weak = tmp_path / "arm", tmp_path / "weak.toml"
+    out, weak, other = (tmp_path / name for name in ("arm", "weak.toml", "other.toml"))
     weak.write_text("torque_limit = [50.0, 25.0]\n", encoding="utf-8")
 
-    def refused(*words):
-        assert main(["tune", *words]) == 2
-        return one_line_error(capsys)
+    def refusal(*words, folder=out):
+        return refused(capsys, "tune", *words, "--out", folder)
 
-    assert (
-        "cannot hold its own weight: joint 1 needs" in refused("--robot", str(weak), "--out", str(out))
-        and not out.exists()
-    )
-    assert "no tuning to resume" in refused("--out", str(out), "--resume") and not out.exists()
+    assert "cannot hold its own weight: joint 1 needs" in refusal("--robot", weak)
+    assert "no tuning to resume" in refusal("--resume")
+    assert "jobs" in refusal("--jobs", "0") and not out.exists()
     assert main(["tune", "--out", str(out), "--jobs", "1"]) == 0
-    assert "add --resume" in refused("--out", str(out))
-    (tmp_path / "other.toml").write_text("mass = [14.0, 9.0]\n", encoding="utf-8")
-    assert "another arm" in refused("--robot", str(tmp_path / "other.toml"), "--out", str(out), "--resume")
+    assert "add --resume" in refusal()
+    other.write_text("mass = [14.0, 9.0]\n", encoding="utf-8")
+    assert "another arm" in refusal("--robot", other, "--resume")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").touch()
-    assert "not empty; choose another" in refused("--out", str(tmp_path / "full"))
-    assert "jobs" in refused("--out", str(tmp_path / "new"), "--jobs", "0") and not (tmp_path / "new").exists()
+    assert "not empty; choose another" in refusal(folder=tmp_path / "full")
     path = out / "steps" / "computed-torque.json"
     good = json.loads(path.read_text(encoding="utf-8"))
     for change in ({"arm_sha256": "0"}, {"chosen": {"bandwidth": "x"}}, {"schema": "other"}, {"more": 1}):
         path.write_text(json.dumps(good | change), encoding="utf-8")
-        refused("--out", str(out), "--resume")
+        refusal("--resume")
     assert read_finding(out, "fuzzy-4", good["arm_sha256"]) is None
