@@ -26,3 +26,12 @@ def refused(capsys, *words):
     err = without_progress(err)
     assert out == "" and err.count("\n") == 1 and "Traceback" not in err
     return err
+
+
+def printed(capsys, *words):
+    """Return what a command line with exit code 0 prints, with nothing but progress on standard error."""
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 0
+    out, err = capsys.readouterr()
+    assert without_progress(err) == ""
+    return out
