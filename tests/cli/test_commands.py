@@ -124,7 +124,6 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
 
 
 def test_bench_writes_a_file_where_it_is_asked_to(tmp_path, capsys, monkeypatch):
-    """Of the one environment only, for as short as it can."""
     from fuzzyarm.eval.bench import run as bench
     from fuzzyarm.eval.bench._entries import single_entries
 

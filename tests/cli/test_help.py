@@ -175,7 +175,6 @@ def test_completion_is_installed_and_completes(tmp_path, monkeypatch, capsys):
 
 
 def row(policy, case, rms, *, seed=0, completed=True, largest=1.0):
-    """A row of results; its numbers have as many digits as there can be."""
     metrics = dict.fromkeys((one.name for metrics in columns().values() for one in metrics), -123456.789)
     metrics |= {"tip_error_rms_mm": rms, "tip_error_max_mm": largest}
     return {"case": case, "policy": policy, "seed": seed, "completed": completed, **metrics}

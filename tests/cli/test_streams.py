@@ -92,7 +92,6 @@ def test_without_standard_error_the_exit_code_and_the_output_are_the_same(folder
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", ["<&- 2>&-", "2>&-"])
 def test_a_file_never_gets_the_number_of_a_closed_stream(folder, closed):
-    """Or what is printed to standard error would go into it."""
     code, _, _ = shell(folder, ["report", "evaluated", "--out", "page.html"], closed)
     assert code == 0 and (folder / "page.html").read_bytes().startswith(b"<!doctype html>")
 

@@ -51,7 +51,6 @@ def done(tmp_path_factory):
 
 
 def printed(name, folder, monkeypatch, capsys):
-    """What a command prints as JSON."""
     monkeypatch.chdir(folder)
     capsys.readouterr()
     assert main([*command(name), "--json"]) == 0

@@ -1,4 +1,4 @@
-"""The speed table with made-up speeds: the order of measurements, the statistics, and the texts for missing numbers."""
+"""The speed table with made-up speeds: order, statistics and missing numbers; the step against the event integrator."""
 
 import contextlib
 import dataclasses
@@ -7,11 +7,16 @@ import json
 from unittest import mock
 
 import gymnasium as gym
+import numpy as np
 import pytest
 from rich.console import Console
 
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.eval.bench import _entries as entries
 from fuzzyarm.eval.bench import run as bench_module
+from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.bench._entries import Entry, timed
 from fuzzyarm.eval.bench.run import BenchConfig, run_bench, write_document
 from fuzzyarm.eval.bench.run import _race as race
@@ -154,3 +159,14 @@ def test_what_is_installed_runs(number):
 def test_the_arm_in_torch_is_as_close_to_the_event_integrator_as_that_in_machine_code():
     own, torch = entries._own_tip_error(), entries._torch_tip_error("cpu", "float64")
     assert own < 1e-6 and torch == pytest.approx(own, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
+def test_the_default_step_is_within_a_micrometre_and_the_error_falls_with_the_square_of_the_step(case):
+    """The regression of log error on log h over the coarser steps; below, the held line of the force takes over."""
+    policy = load_policy("computed-torque")
+    exact, steps = exact_tips(policy, case), [1e-3, 5e-4, 2.5e-4, FuzzyArmEnv().substep]
+    errors = [max_tip_difference(stepped_tips(policy, case, h), exact) for h in steps]
+    assert steps[-1] == MAX_DEFAULT_SUBSTEP == 2e-4 and errors[-1] < 1e-6
+    assert 1.9 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 2.1

@@ -10,6 +10,7 @@ from support.rollouts import made_rollout
 from fuzzyarm import ArmParameters, EvaluationConfig, SweepConfig, evaluate, robot_named, write_results
 from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
@@ -102,24 +103,30 @@ def test_the_command_of_a_configuration_and_what_the_page_shows_for_unknown_file
     assert config.command(placeholders=True) == f"fuzzyarm evaluate {command or page}"
 
 
-def test_a_law_whose_loop_is_unstable_on_a_light_arm_is_said_to_be_so():
-    """Light rotors on soft joints, for which the law's bandwidth is too large; it follows the path all the same."""
-    arm = ArmParameters(
-        length=(0.3, 0.2),
-        mass=(0.5594, 0.6043),
-        mass_center=(0.3, 0.18378),
-        inertia=(0.00313, 0.00351),
-        motor_inertia=(0.00276, 0.00276),
-        coulomb_friction=(0.093, 0.078),
-        static_friction=(0.12, 0.1),
-        stiffness=(500.0, 100.0),
-        damping=(0.1, 0.05),
-        torque_limit=(10.0, 10.0),
-        velocity_limit=(20.0, 20.0),
-    )
+def test_a_law_whose_loop_is_unstable_on_light_rotors_is_said_to_be_so():
+    """The law's bandwidth is too large for them; it follows the path all the same."""
+    arm = ArmParameters(motor_inertia=(1.0, 0.2))
     policies = "computed-torque", "elastic-observer"
     (line,) = evaluate(EvaluationConfig(policies=policies, cases=("nominal",), parameters=arm)).remarks
-    assert line.startswith("computed-torque: ") and "its loop is unstable on this arm (spectral radius" in line
+    assert line.startswith("computed-torque: its loop is unstable on this arm (spectral radius 1.0")
+
+
+@pytest.mark.slow  # its simulation is compiled first
+def test_a_robot_follows_its_default_reference_and_has_metrics_of_every_joint():
+    robot = robot_named("planar-3r")
+    config = EvaluationConfig(policies=("computed-torque",), cases=("nominal", "payload"), robot=robot)
+    assert list(config.titles.values()) == ["Case 1: nominal", "Case 3: 2.7 kg payload"]
+    found = evaluate(config)
+    (row, payload), run = found.rows, found.rollouts[0]
+    assert found.complete and [row["case"], payload["case"]] == ["nominal", "payload"]
+    assert row["tip_error_max_mm"] < payload["tip_error_max_mm"] < 10.0
+    peaks = np.abs(run.torque).max(axis=0)
+    assert [row[f"torque_peak_{k}"] for k in (1, 2, 3)] == peaks.tolist() and "torque_peak_4" not in row
+    assert row["torque_rms_3"] == pytest.approx(np.sqrt(np.mean(run.torque[:, 2] ** 2)))
+    assert table_rows(found.rows)[0][2][4].count(",") == 2
+    low, high, velocity, _ = bounds_of(robot)
+    used = [np.abs(run.q_link - 0.5 * (low + high)) / (0.5 * (high - low)), np.abs(run.dq_motor) / velocity]
+    assert row["domain_margin"] <= 1.0 - max(map(np.max, used)) + 1e-12
 
 
 @pytest.fixture

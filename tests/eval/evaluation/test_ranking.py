@@ -76,7 +76,6 @@ def test_the_smallest_comes_first_across_files_and_equals_share_a_rank(write):
 
 
 def test_below_a_micrometre_nobody_is_ranked_and_no_number_is_printed(write):
-    """The raw numbers stay in the JSON; a zero and nine tenths of a micrometre share a rank."""
     path = write("a", document({"a": [[4e-4]] * 3, "b": [[1e-4]] * 3, "c": [[6e-4]] * 3}))
     assert ranked(path) == [(1, "a"), (1, "b"), (3, "c")]  # scores are twice these errors
     board = rank_policies([path])

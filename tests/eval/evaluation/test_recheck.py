@@ -29,13 +29,11 @@ def evaluation():
 
 @pytest.fixture
 def document(evaluation):
-    """What `evaluate` writes, to be changed at will."""
     return json.loads(json.dumps(evaluation.to_dict()))
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty current folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", sys.path.copy())
     return tmp_path
@@ -127,7 +125,6 @@ def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
 
 @pytest.mark.slow
 def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsys, undrawn):
-    """It is recorded by its name; what is found under that name has to have the digest that was measured."""
     elsewhere, out = folder / "elsewhere", folder / "out"
     elsewhere.mkdir()
     mine = elsewhere / "mine.json"

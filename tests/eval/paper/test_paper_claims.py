@@ -123,7 +123,6 @@ def test_gamma_of_another_feedforward_is_where_the_proof_begins(evidence, compar
 
 
 def test_the_reasons_rest_on_what_is_measured(comparison):
-    """What `reasons` says in words and numbers."""
     measured = comparison.measured
     tip, motors = (measured[f"case-1-largest-{side}"] for side in ("tip", "motors"))
     for key in ("consistent-32", "consistent-4"):

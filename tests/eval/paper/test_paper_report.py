@@ -14,7 +14,6 @@ from fuzzyarm.eval.paper._report import _Comparison, _Value, load_expected
 
 @pytest.fixture
 def gathered(monkeypatch, evidence):
-    """Let the command use the evidence of the session."""
     monkeypatch.setattr("fuzzyarm.eval.paper.evidence.gather", lambda progress=None: evidence)
 
 

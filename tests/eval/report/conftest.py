@@ -42,23 +42,19 @@ def nasty_folder(evaluation, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def many_folders(evaluation, tmp_path_factory) -> dict[int, Path]:
-    """Nine and twelve policies in three cases, the fourth the best and the third of the cases the hardest."""
+def many_folder(evaluation, tmp_path_factory) -> Path:
+    """Twelve policies in three cases, the fourth the best and the third of the cases the hardest."""
     nominal, machining = (evaluation.rollouts[k] for k in (0, 3))
     cases = [(nominal, "nominal", 0.1), (machining, "machining", 1.0), (machining, "payload", 1.1)]
     factors = [1.4, 1.3, 1.2, 0.4, 1.1, 0.6, 0.5, 1.0, 0.7, 0.8, 0.9, 1.5]
     names = [*COMPARED, "ppo-nominal", "fuzzy-4-sampled-tip", "my.controller:make_observer"]
-    folders = {}
-    for count in (9, 12):
-        runs = [
-            scaled(run, name, share * factor, case=case)
-            for run, case, share in cases
-            for name, factor in zip(names[:count], factors[:count], strict=True)
-        ]
-        if count == 12:
-            runs[-1] = wild(runs[-1], names[11], 700)
-        folders[count] = reported(with_runs(evaluation, runs), tmp_path_factory.mktemp("many"))
-    return folders
+    runs = [
+        scaled(run, name, share * factor, case=case)
+        for run, case, share in cases
+        for name, factor in zip(names, factors, strict=True)
+    ]
+    runs[-1] = wild(runs[-1], names[-1], 700)
+    return reported(with_runs(evaluation, runs), tmp_path_factory.mktemp("many"))
 
 
 @pytest.hookimpl(tryfirst=True)

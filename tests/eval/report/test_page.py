@@ -22,8 +22,6 @@ from fuzzyarm.proof.certificate import NOT_COVERED
 
 
 class Elements(HTMLParser):
-    """Every start tag with its attributes, and the text of scripts and styles."""
-
     def __init__(self, text):
         super().__init__()
         self.found, self.raw = [], []
@@ -166,7 +164,6 @@ def test_the_range_over_the_seeds_is_embedded(evaluation):
 
 @pytest.mark.parametrize("theme", [0, 1])
 def test_sixteen_policies_have_colours_that_differ(theme):
-    """Distances in CIELAB, in light and in dark."""
     found = re.findall(r"--p\d+: light-dark\(#(\w{6}), #(\w{6})\)", _part("page.css"))
     values = np.array([list(bytes.fromhex(pair[theme])) for pair in found]) / 255.0
     linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)

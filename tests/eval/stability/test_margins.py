@@ -44,7 +44,6 @@ def nominal() -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", NAMED)
 def test_rows_are_direct_calls(name: str) -> None:
-    """Each number once more from `largest_radius` and `gain_limits`, the policy with nominal knowledge."""
     row = next(row for row in nominal()["rows"] if row["policy"] == name)
     policy = load_policy(name)
     soft, hard = (dataclasses.replace(ARM, stiffness=tuple(k * one for one in ARM.stiffness)) for k in (0.8, 1.2))
@@ -72,7 +71,6 @@ def test_the_command_of_a_configuration() -> None:
 
 
 def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
-    """Torque limits that the payload exceeds: nothing there, numbers elsewhere, a dash in the table and the reason."""
     robot = tmp_path / "heavy.toml"
     robot.write_text("gravity = 45.0\n")
     document = measure_margins(MarginsConfig(("computed-torque",), str(robot)))
@@ -113,7 +111,6 @@ def test_two_files_of_one_name_would_be_one_row(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_margins_of_a_robot() -> None:
-    """By default the laws of any robot, all stable in the nominal loop; the document holds the robot."""
     document = measure_margins(MarginsConfig(robot="planar-3r"))
     assert [row["policy"] for row in document["rows"]] == list(ANY_ROBOT)
     assert document["robot"]["name"] == "planar-3r" and "parameters" not in document

@@ -47,7 +47,6 @@ def test_a_light_pendulum_is_designed_by_default_with_margins(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_number_in_the_way_is_named():
-    """A loop that is unstable for its light rotors has margins with the rotors that the sentence names."""
     arm = dataclasses.replace(PENDULUM, motor_inertia=(0.003, 0.0008))
     made = design(Specification(kept=("z1",), alpha=5.0, gamma=gamma_for(arm, 5.0)), arm).controller
     text = why_unstable(made, arm, 1e-3)

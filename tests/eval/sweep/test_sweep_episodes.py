@@ -54,7 +54,6 @@ def tip_errors(env, policy, seed, delay=0, noise=1.0, most=math.inf):
 
 
 def check(found, place, errors, rel):
-    """Check the numbers of an episode (policy, case, plant) against its tip errors [m]."""
     assert found.metrics["max_mm"][place] == pytest.approx(1e3 * errors.max(), rel=rel)
     assert found.metrics["rms_mm"][place] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=rel)
     assert found.seconds[place] == pytest.approx(1e-3 * len(errors))
@@ -66,7 +65,6 @@ def check(found, place, errors, rel):
     ids=str,
 )
 def test_the_numbers_are_those_of_single_environments(whole, where):
-    """Each plant alone: drawn by the environment from its seed, with its own noise and delay."""
     plants = Plants(CONFIG, range(6), CONFIG.cases)
     case, i = where
     c = CONFIG.cases.index(case)
@@ -167,7 +165,6 @@ def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(g
 
 
 def test_plants_are_drawn_around_the_robot(short):
-    """Each plant is the robot with the factors of its record, and starts where the robot does."""
     arm = ArmParameters(length=(0.45, 0.55), mass_center=(0.22, 0.27), stiffness=(5e4, 1e4))
     given = {"policies": ("computed-torque",), "cases": ("machining",), "distribution": "plants", "parameters": arm}
     law, reference = load_policy("computed-torque", robot=arm), JointReference(parameters=arm)
@@ -290,7 +287,6 @@ def test_bad_values_are_named_with_what_is_allowed(arguments, expected):
 
 
 def test_a_robot_has_columns_for_its_joints_and_payloads_of_its_case():
-    """It comes back from its own document, and a shipped one has a command line."""
     robot = robot_named("planar-3r")
     config = SweepConfig.of({"robot": robot})
     assert config.policies == ANY_ROBOT and config.joints == 3

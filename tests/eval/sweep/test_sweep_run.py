@@ -169,7 +169,6 @@ def test_an_error_of_the_work_itself_is_raised(jobs):
     ],
 )
 def test_a_bad_address_is_named_before_ray_looks_for_it(monkeypatch, arguments, expected):
-    """Ray itself would try for minutes."""
     monkeypatch.setattr("ray.init", lambda **_: pytest.fail("Ray was asked"))
     with pytest.raises((TypeError, ValueError), match=expected):
         list(Engine(**arguments).run(poison, [0]))
@@ -184,7 +183,6 @@ def loads(number):
 
 @pytest.fixture
 def pushed():
-    """The case, which is forgotten at the end."""
     add_case(PUSHED)
     yield
     CASES.pop("pushed", None)
@@ -212,7 +210,6 @@ def test_work_travels_with_what_was_added_by_name(pushed):
 
 
 def test_the_modules_that_work_refers_to_are_sent_to_a_cluster(tmp_path, monkeypatch):
-    """Those of a policy and of a case alike, not what every machine has, nor what is run."""
     (tmp_path / "pushes").mkdir()
     (tmp_path / "pushes" / "__init__.py").touch()
     (tmp_path / "pushes" / "side.py").write_text("class Side:\n    pass\n")

@@ -40,7 +40,6 @@ def test_the_quantiles_of_values_are_values_of_that_rank_and_beyond_every_bound_
 
 
 def results_of(config, errors, completed=None, plants=None):
-    """Results with largest errors (policies, cases, plants) [mm]."""
     completed = np.ones(errors.shape, bool) if completed is None else completed
     plants = np.zeros(config.total, plant_record(2)) if plants is None else plants
     metrics = {"max_mm": errors, "rms_mm": 0.5 * errors}

@@ -38,7 +38,6 @@ def calls(monkeypatch):
 
 @pytest.fixture
 def quick_margins(monkeypatch):
-    """Stand in for the margins, which take a second."""
     row = {"policy": "computed-torque", "control_period": 1e-3, "spectral_radius": RADII, "reasons": {}}
     row["loop_gain"] = dict.fromkeys(_LIMITS)
     document = {"rows": [row], "method": {"control_period": 1e-3, "postures": 1}}
