@@ -1,4 +1,4 @@
-"""The run of a tuning: kept steps, resuming, and what is refused. The searches themselves are stood in for."""
+"""The run of a tuning with searches that are stood in for, and, slow, whole tunings: of Table 1 and of other arms."""
 
 import json
 from unittest import mock
@@ -6,13 +6,19 @@ from unittest import mock
 import pytest
 from support.command_line import refused
 
+from fuzzyarm import ArmParameters, EvaluationConfig, evaluate, tune_arm
 from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.eval.stability.margins import _LIMITS
 from fuzzyarm.eval.tuning import _steps as steps
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning._finding import read_finding
 from fuzzyarm.eval.tuning._search import Found
-from fuzzyarm.policies.registry import COMPUTED_TORQUE, ELASTIC_OBSERVER
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.computed_torque import _BANDWIDTH
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.policies import policies_of
+from fuzzyarm.policies.registry import COMPUTED_TORQUE, ELASTIC_OBSERVER, POLICIES
 from fuzzyarm.policies.tuned import NAME
 
 RADII = {"nominal": 0.99, "5 kg payload": 1.01}
@@ -115,3 +121,31 @@ def test_what_cannot_be_tuned_is_refused_in_one_line(tmp_path, calls, quick_marg
         path.write_text(json.dumps(good | change), encoding="utf-8")
         refusal("--resume")
     assert read_finding(out, "fuzzy-4", good["arm_sha256"]) is None
+
+
+def content(path):
+    """Return what a controller file holds, without what it was made with."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    return {name: value for name, value in document.items() if name not in ("origin", "digest")}
+
+
+@pytest.mark.slow
+def test_table_1_gives_the_shipped_numbers_back(tmp_path):
+    laws = tune_arm(ArmParameters(), tmp_path, jobs=2).laws
+    assert content(tmp_path / "fuzzy-4.json") == content(POLICIES["fuzzy-4"].path)
+    assert tuple(laws.numbers().values()) == (_BANDWIDTH, ObserverWeights(), AdaptiveWeights())
+
+
+SOFT = ArmParameters(length=(0.5, 0.4), stiffness=(8e3, 5e3))
+LONG = ArmParameters(length=(0.6, 0.45), stiffness=(3e4, 6e3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", [SOFT, LONG, chosen_arm("planar-3r", None)], ids=["soft", "long", "planar-3r"])
+def test_an_arm_of_ones_own_gets_policies_that_lose_no_case(tmp_path, arm):
+    found = tune_arm(arm, tmp_path, jobs=2)
+    assert {"fuzzy-4", "computed-torque", "elastic-observer"} <= set(found.laws.policies)
+    for row in found.margins["rows"]:
+        if row["policy"] != "adaptive-observer":  # its margins are those of its frozen loop
+            assert all(radius < 1.0 for radius in row["spectral_radius"].values()), row
+    assert evaluate(EvaluationConfig(policies=policies_of(str(tmp_path)), robot=arm)).complete
