@@ -7,10 +7,9 @@ import json
 import numpy as np
 import pytest
 from scipy.stats import trim_mean
-from support.command_line import refused
+from support.command_line import printed, refused
 
 from fuzzyarm import ArmParameters, robot_named
-from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.evaluation._statistics import estimate
@@ -150,13 +149,12 @@ def test_a_damaged_declaration_and_a_file_given_twice_are_one_line(write, capsys
 def test_the_table_of_real_results(tmp_path, capsys, short):
     evaluation = evaluate(EvaluationConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("nominal",)))
     path, _ = write_results(evaluation, tmp_path)
-    assert main(["leaderboard", str(path)]) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, "leaderboard", path)
     assert "\x1b" not in out
-    rows = [line.split() for line in out.splitlines()[1:3]]
-    best, second = evaluation.rows[1]["tip_error_max_mm"], evaluation.rows[0]["tip_error_max_mm"]
-    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["-", str(path)]
-    assert rows[1][:3] == ["2", "fuzzy-4", f"{second:#.3g}"] and rows[1][-3:] == ["rigid", "arm", str(path)]
+    first, second = (line.split() for line in out.splitlines()[1:3])
+    behind, best = (f"{row['tip_error_max_mm']:#.3g}" for row in evaluation.rows)
+    assert first[:3] == ["1", "computed-torque-tip", best] and first[-2:] == ["-", str(path)]
+    assert second[:3] == ["2", "fuzzy-4", behind] and second[-3:] == ["rigid", "arm", str(path)]
     assert "Score: largest tip error of all cases. Lost:" in out
     assert "control period 1 ms, 1 seed, no noise" in out
 
@@ -174,14 +172,13 @@ def test_the_file_declares_and_not_the_name(write, capsys):
     content = document({"mine": [[1.0]] * 3, "fuzzy-4": [[2.0]] * 3, "silent": [[3.0]] * 3})
     content["declared"] = {"mine": mine, "fuzzy-4": mine | {"objective": "another"}, "silent": None}
     path = write("a", content)
-    assert main(["leaderboard", str(path), "--declared", "--markdown"]) == 0
-    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][-3:] == [
+    out = printed(capsys, "leaderboard", path, "--declared", "--markdown")
+    assert [line for line in out.splitlines() if line.startswith("| ")][-3:] == [
         "| mine | small&#124;error | cases | nothing | all | one |",
         "| fuzzy-4 | another | cases | nothing | all | one |",
         f"| silent |{5 * ' not declared |'}",
     ]
-    assert main(["leaderboard", str(path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(printed(capsys, "leaderboard", path, "--json"))
     assert [one["declared"] for one in found["standings"]] == list(content["declared"].values())
     ranks = [(one["rank"], one["policy"], one["score"]["mean"]) for one in found["standings"]]
     assert ranks == [(1, "mine", 2.0), (2, "fuzzy-4", 4.0), (3, "silent", 6.0)]

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
-from support.command_line import refused
+from support.command_line import printed, refused
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.recheck import recheck_results
@@ -54,8 +54,7 @@ def differences(folder, document, evaluation, monkeypatch):
 def test_a_fresh_evaluation_agrees_with_itself_and_nothing_is_written(folder, document, capsys):
     path = write(folder, document)
     before = path.read_bytes()
-    assert main(["evaluate", "--check", "results.json"]) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, *CHECK, "results.json")
     numbers = 4 * (len(document["results"][0]) - len(("case", "policy", "seed", "completed", "reason", "predict_us")))
     assert out == f"{numbers + len(('alpha', 'gamma'))} numbers of 4 rows agree\n"
     assert list(folder.iterdir()) == [path] and path.read_bytes() == before
@@ -113,8 +112,7 @@ def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
     mine = folder / "mine.json"
     shutil.copy(SHIPPED / "fuzzy-1.json", mine)
     write_results(evaluate(EvaluationConfig(policies=("mine.json-tip",), cases=("nominal",))), folder)
-    assert main([*CHECK, "results.json"]) == 0
-    capsys.readouterr()
+    printed(capsys, *CHECK, "results.json")
     shutil.copy(SHIPPED / "fuzzy-2.json", mine)
     changed = "mine.json-tip has changed since it was measured: the SHA-256 of mine.json differs"
     assert changed in refused(capsys, *CHECK, "results.json")
@@ -137,19 +135,16 @@ def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsy
     assert str(folder) not in text + (out / "results.csv").read_text() + capsys.readouterr().err
     assert json.loads(text)["config"]["policies"] == ["mine.json-tip", "taught", "elsewhere/mine.json"]
     assert "--policy mine.json-tip --policy taught --policy elsewhere/mine.json" in json.loads(text)["command"]
-    assert main(["report", str(out)]) == 0
+    printed(capsys, "report", out)
     assert str(folder) not in (out / "report.html").read_text(encoding="utf-8")
-    capsys.readouterr()
-
-    check = [*CHECK, str(out)]
+    check = [*CHECK, out]
     assert "add --policy PATH/mine.json-tip" in refused(capsys, *check)
-    assert main([*check, "--policy", names[0], names[1]]) == 0
+    printed(capsys, *check, "--policy", names[0], names[1])
     shutil.copy(mine, out)
     shutil.copytree(learned, out / "taught")
-    assert main(check) == 0
-    capsys.readouterr()
-    other = elsewhere / "other.json"
-    assert "or gives the new path of a policy's file" in refused(capsys, *check, "--policy", other)
+    printed(capsys, *check)
+    error = refused(capsys, *check, "--policy", elsewhere / "other.json")
+    assert "or gives the new path of a policy's file" in error
 
 
 def test_a_file_alone_runs_no_code(folder, capsys, short):
@@ -163,8 +158,7 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     error = refused(capsys, *check, "--policy", name, "--policy", "my_checked:Other")
     assert "--policy my_checked:Other: with --check, --policy only permits code" in error
     assert "my_checked" not in sys.modules
-    assert main([*check, "--policy", name]) == 0
-    assert "rows agree" in capsys.readouterr().out
+    assert "rows agree" in printed(capsys, *check, "--policy", name)
     source.write_text(LAW + "# changed\n")
     changed = f"policy {name} has changed since it was measured: the SHA-256 of my_checked.py"
     assert changed in refused(capsys, *check, "--policy", name)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from support.command_line import refused, without_progress
+from support.command_line import printed, refused
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.paper import _report as drift
@@ -24,15 +24,10 @@ def undrawn(gathered, monkeypatch):
     monkeypatch.setattr("fuzzyarm.eval.paper.figures.write_figures", lambda evidence, folder, progress=None: [])
 
 
-def run(*arguments):
-    return main(["paper", *map(str, arguments)])
-
-
 @pytest.mark.slow
 def test_the_command_writes_tables_data_and_figures(gathered, tmp_path, capsys):
-    assert run("--out", tmp_path) == 0
-    out, err = capsys.readouterr()
-    assert without_progress(err) == "" and "\x1b" not in out
+    out = printed(capsys, "paper", "--out", tmp_path)
+    assert "\x1b" not in out
     figures = {f"figure-{number:02}.png" for number in range(2, 11)}
     assert {path.name for path in tmp_path.iterdir()} == {"paper.md", "paper.json"} | figures
     text = (tmp_path / "paper.md").read_text(encoding="utf-8")
@@ -44,8 +39,7 @@ def test_the_command_writes_tables_data_and_figures(gathered, tmp_path, capsys):
 
 
 def test_json_has_every_value_with_the_papers_and_what_it_was_made_with(undrawn, comparison, tmp_path, capsys):
-    assert run("--json", "--out", tmp_path) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(printed(capsys, "paper", "--json", "--out", tmp_path))
     assert document == json.loads((tmp_path / "paper.json").read_text())
     assert {"commit", "versions", "machine"} <= document.keys()
     claims = {entry["key"]: entry for entry in document["claims"]}
@@ -60,7 +54,7 @@ def test_a_number_that_moved_is_named_and_exit_code_1(undrawn, tmp_path, capsys)
     moved["case-1-largest-tip"]["consistent-4"] *= 1.01
     moved["table-2-rows"]["4 rules"] += 1
     drift.store_expected(moved, {}, tmp_path / "moved.json")
-    assert run("--expected", tmp_path / "moved.json", "--out", tmp_path) == 1
+    assert main(["paper", "--expected", str(tmp_path / "moved.json"), "--out", str(tmp_path)]) == 1
     first, second = capsys.readouterr().err.splitlines()
     assert first.startswith("fuzzyarm paper: table-2-rows, 4 rules: measured 664, stored 665")
     assert second.startswith("fuzzyarm paper: case-1-largest-tip, consistent-4: measured 2.51")
@@ -71,9 +65,9 @@ def test_a_number_that_moved_is_named_and_exit_code_1(undrawn, tmp_path, capsys)
 def test_renew_writes_what_is_measured_and_leaves_the_package_alone(undrawn, comparison, tmp_path, capsys):
     shipped, expected = drift.EXPECTED.read_bytes(), tmp_path / "mine.json"
     assert "mine.json" in refused(capsys, "paper", "--expected", expected, "--out", tmp_path / "first")  # not yet
-    assert run("--renew", expected, "--out", tmp_path / "first") == 0
+    printed(capsys, "paper", "--renew", expected, "--out", tmp_path / "first")
     assert load_expected(expected) == comparison.measured  # exactly
-    assert run("--expected", expected, "--out", tmp_path / "second") == 0
+    printed(capsys, "paper", "--expected", expected, "--out", tmp_path / "second")
     assert drift.EXPECTED.read_bytes() == shipped
 
 

@@ -9,7 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from support.command_line import refused, without_progress
+from support.command_line import printed, refused
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.sweep import run
@@ -51,10 +51,8 @@ def folder(finished, tmp_path):
 def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypatch):
     empty_pages(monkeypatch, "fuzzyarm.eval.sweep._figures", "_draw_sweep")
     out = tmp_path / "new" / "sweep"
-    assert main(["sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", str(out)]) == 0
-    printed = capsys.readouterr()
-    assert "Case 1: nominal" in printed.out and "success, below 5 mm [%]" in printed.out
-    assert without_progress(printed.err) == "" and "\x1b" not in printed.out
+    text = printed(capsys, "sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", out)
+    assert "Case 1: nominal" in text and "success, below 5 mm [%]" in text and "\x1b" not in text
     figures = {f"{name}.{kind}" for name in ("spread", "map-fuzzy-4") for kind in ("png", "svg")}
     assert {path.name for path in out.iterdir()} == {"run.json", "chunks", "sweep.json", "episodes.npz"} | figures
     document = json.loads((out / "sweep.json").read_text())
@@ -68,8 +66,8 @@ def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypa
 def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folder, capsys, monkeypatch, undrawn):
     monkeypatch.setattr("fuzzyarm.eval.sweep.run._run_chunk", lambda *_: pytest.fail("all chunks are there"))
     before = contents(folder / "chunks")
-    assert main(["sweep", "--resume", "--bound", "6.5", "--worst", "1", "--json", "--out", str(folder)]) == 0
-    document = json.loads(capsys.readouterr().out)
+    words = ["sweep", "--resume", "--bound", "6.5", "--worst", "1", "--json", "--out"]
+    document = json.loads(printed(capsys, *words, folder))
     assert document == json.loads((folder / "sweep.json").read_text())
     assert document["config"]["bound"] == 6.5 and len(document["rows"][0]["worst"]) == 1
     assert contents(folder / "chunks") == before
@@ -79,8 +77,8 @@ def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
     monkeypatch.setattr("fuzzyarm.eval.evaluation.figures._time_figures", lambda joints: {})  # the overview is enough
     empty_pages(monkeypatch, "fuzzyarm.eval.evaluation.figures", "draw_figures")
     worst = json.loads((folder / "sweep.json").read_text())["rows"][0]["worst"][0]
-    assert main(["sweep", "--replay", "fuzzy-4", "nominal", str(worst["plant"]), "--out", str(folder)]) == 0
-    assert f"tip error up to {worst['max_mm']:.6g} mm" in capsys.readouterr().out
+    out = printed(capsys, "sweep", "--replay", "fuzzy-4", "nominal", worst["plant"], "--out", folder)
+    assert f"tip error up to {worst['max_mm']:.6g} mm" in out
     replayed = folder / f"replay-fuzzy-4-nominal-{worst['plant']}"
     episode = np.load(replayed / "episode.npz", allow_pickle=False)
     assert 1e3 * episode["tip_error"].max() == worst["max_mm"] and (replayed / "overview.png").exists()
@@ -91,7 +89,6 @@ def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folde
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
     other = tmp_path / "other"
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
-    capsys.readouterr()
     shutil.copy(other / "chunks" / "000000.npz", folder / "chunks")
     assert_refused(capsys, folder, ["--resume"], "belongs to a different sweep")
 
@@ -202,7 +199,6 @@ def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys
     policy = package(tmp_path, "swept_with_consent")
     begun = ["--policy", policy, "--policy", "fuzzy-1", *ONE_CHUNK, "--out", "sweep"]
     assert main(["sweep", *begun]) == 0
-    capsys.readouterr()
     for module in [name for name in sys.modules if name.partition(".")[0] == "swept_with_consent"]:
         del sys.modules[module]
     imported.write_text("")
@@ -218,7 +214,6 @@ def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys
 def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys, short, undrawn):
     policy = package(tmp_path, "swept_twice")
     assert main(["sweep", "--policy", policy, *ONE_CHUNK, "--out", "sweep"]) == 0
-    capsys.readouterr()
     package(tmp_path, "swept_twice", share=0.998)
     error = refused(capsys, "sweep", "--resume", "--policy", policy, "--out", "sweep")
     assert "or policy files (policies: swept_twice.law:make: swept_twice/gains.py" in error

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy.stats import binom, binomtest
-from support.command_line import refused
+from support.command_line import printed, refused
 
-from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.ranking import markdown
 from fuzzyarm.eval.sweep._distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep._episodes import SweepResults
@@ -140,8 +139,7 @@ def test_losing_more_than_one_in_a_hundred_ranks_last_and_losing_fewer_does_not(
 
 def test_sweeps_of_other_plants_are_ranked_together(write, capsys):
     one, more = write("a", document(drawn(2))), write("b", document(3.0 * drawn(1, 1), seed=500))
-    assert main(["leaderboard", str(one.parent), str(more), "--markdown"]) == 0
-    assert capsys.readouterr().out.count("fuzzy-1") == 2
+    assert printed(capsys, "leaderboard", one.parent, more, "--markdown").count("fuzzy-1") == 2
 
 
 def test_what_cannot_be_ranked_is_refused_in_one_line(write, tmp_path, capsys):
