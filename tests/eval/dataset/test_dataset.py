@@ -10,10 +10,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from support.command_line import refused
+from support.command_line import printed, refused
 
 from fuzzyarm import load_policy
-from fuzzyarm.cli import main
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import CONDITIONS, LEVELS, DatasetConfig
 from fuzzyarm.eval.dataset.store import open_dataset, provenance_of, record, score_of
@@ -22,18 +21,24 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 LIMIT = np.array([500.0, 250.0])
 
 
+def assert_given_again(env, seed, episode):
+    """Take the actions of an episode again; return the tip errors and whether each step was terminated or truncated."""
+    observation, _ = env.reset(seed=seed)
+    steps = [env.step(action) for action in episode.actions]
+    observations, rewards, terminated, truncated, infos = zip(*steps, strict=True)
+    assert_array_equal([observation, *observations], episode.observations)
+    assert_array_equal(rewards, episode.rewards)
+    return [info["tip_error"] for info in infos], terminated, truncated
+
+
 def test_the_recorded_torques_give_the_recorded_episode_again():
     second = list(record(load_policy("computed-torque"), "loads", 2, 5, noise=0.02))[1]
-    env = gym.make("FuzzyArm-v0", **CONDITIONS["loads"])
-    observation, _ = env.reset(seed=second.seed)
     assert second.seed == 6
-    assert_array_equal(observation, second.observations[0])
-    for step, action in enumerate(second.actions):
-        observation, reward, terminated, truncated, info = env.step(action)
-        assert_array_equal(observation, second.observations[step + 1])
-        assert (reward, info["tip_error"]) == (second.rewards[step], second.tip_errors[step])
-        assert (terminated or truncated) == (step == len(second.actions) - 1)
-    assert truncated == second.completed
+    env = gym.make("FuzzyArm-v0", **CONDITIONS["loads"])
+    errors, terminated, truncated = assert_given_again(env, 6, second)
+    assert_array_equal(errors, second.tip_errors)
+    assert np.flatnonzero(np.logical_or(terminated, truncated)).tolist() == [len(errors) - 1]
+    assert truncated[-1] == second.completed
     noise = (second.actions - second.intended) / LIMIT
     assert noise.std() == pytest.approx(0.02, rel=0.05) and abs(noise.mean()) < 0.002
 
@@ -82,8 +87,7 @@ def minari():
 def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path.parent)
     words = ["dataset", "--out", tmp_path.name, "--level", "mixed", "--episodes", "3", "--seed", "4"]
-    assert main(words) == 0
-    assert "3 episodes" in capsys.readouterr().out
+    assert "3 episodes" in printed(capsys, *words)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     name, policies = DatasetConfig(level="mixed").name, LEVELS["mixed"]
     assert list(minari.list_local_datasets()) == [name]
@@ -112,14 +116,8 @@ def test_stored_episodes_are_in_the_declared_spaces_and_give_themselves_again_bi
     for stored, metadata in zip(dataset, dataset.storage.get_episode_metadata([0, 1]), strict=True):
         assert all(map(dataset.action_space.contains, stored.actions))
         assert all(map(dataset.observation_space.contains, stored.observations))
-        seen, earned = [env.reset(seed=metadata["seed"])[0]], []
-        for action in stored.actions:
-            observation, reward, terminated, truncated, _ = env.step(action)
-            seen.append(observation)
-            earned.append(reward)
-        assert_array_equal(seen, stored.observations)
-        assert_array_equal(earned, stored.rewards)
-        assert (terminated, truncated) == (stored.terminations[-1], stored.truncations[-1])
+        _, terminated, truncated = assert_given_again(env, metadata["seed"], stored)
+        assert (terminated[-1], truncated[-1]) == (stored.terminations[-1], stored.truncations[-1])
     env.close()
 
 

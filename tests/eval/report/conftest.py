@@ -1,40 +1,36 @@
 """One small evaluation on disk and its report, for all tests of the report."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from support import browser
 from support.altered_evaluations import NASTY, scaled, wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.policies import COMPARED
 
 
-def reported(evaluation: Evaluation, folder: Path) -> Path:
+def reported(evaluation, folder):
     """Write an evaluation into the folder with its report."""
     assert main(["report", str(write(evaluation, folder))]) == 0
     return folder
 
 
 @pytest.fixture(scope="session")
-def evaluation() -> Evaluation:
+def evaluation():
     policies = "fuzzy-4", "computed-torque", "fuzzy-4-tip"
     return evaluate(EvaluationConfig(policies=policies, cases=("nominal", "machining")))
 
 
 @pytest.fixture(scope="session")
-def folder(evaluation, tmp_path_factory) -> Path:
+def folder(evaluation, tmp_path_factory):
     """The evaluation of three policies in two cases, with its report."""
     return reported(evaluation, tmp_path_factory.mktemp("report"))
 
 
 @pytest.fixture(scope="session")
-def nasty_folder(evaluation, tmp_path_factory) -> Path:
+def nasty_folder(evaluation, tmp_path_factory):
     """Computed torque and a wild policy with a nasty name."""
     own = [run for run in evaluation.rollouts if run.policy == "computed-torque"]
     runs = [made for run in own for made in (run, wild(run, NASTY, 700))]
@@ -42,7 +38,7 @@ def nasty_folder(evaluation, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def many_folder(evaluation, tmp_path_factory) -> Path:
+def many_folder(evaluation, tmp_path_factory):
     """Twelve policies in three cases, the fourth the best and the third of the cases the hardest."""
     nominal, machining = (evaluation.rollouts[k] for k in (0, 3))
     cases = [(nominal, "nominal", 0.1), (machining, "machining", 1.0), (machining, "payload", 1.1)]
@@ -58,7 +54,7 @@ def many_folder(evaluation, tmp_path_factory) -> Path:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items) -> None:
+def pytest_collection_modifyitems(items):
     """Let the tests in a browser be slow ones: they take a minute, and are skipped where there is none."""
     for item in items:
         if "chromium" in item.fixturenames:
@@ -66,7 +62,7 @@ def pytest_collection_modifyitems(items) -> None:
 
 
 @pytest.fixture(scope="session")
-def chromium() -> Iterator[browser.Tab]:
+def chromium():
     if browser.executable() is None:
         if os.environ.get("CI_BROWSER") == "1":
             pytest.fail("CI_BROWSER=1 demands Chromium: apt-get install chromium")

@@ -1,18 +1,18 @@
 """The report of a robot: its chain and camera in the page are those of the package, and it is a page like any other."""
 
+import dataclasses
+
 import numpy as np
 import pytest
-from support.altered_evaluations import write
+from support.altered_evaluations import with_runs, write
 from support.rollouts import made_rollout
 
+from fuzzyarm import EvaluationConfig, robot_named
 from fuzzyarm.cli import main
 from fuzzyarm.envs.perspective import looking_at, poses_of
 from fuzzyarm.envs.physics.rigid_body import frames
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, row_of
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.report._payload import replay_data
 
 ROBOT = robot_named("ur5")
@@ -45,13 +45,11 @@ def rollout(case, policy, offset):
 
 
 @pytest.fixture(scope="module")
-def robot_folder(tmp_path_factory):
+def robot_folder(evaluation, tmp_path_factory):
     runs = [rollout(case, policy, 1e-3 * (1 + k)) for case in CASES for k, policy in enumerate(POLICIES)]
-    config, none = EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT), dict.fromkeys(POLICIES)
-    made_with = {"command": None, "date": "2026-01-01", "policy_files": {policy: {} for policy in POLICIES}}
-    made_with |= current_provenance()
-    evaluation = Evaluation(config, runs, [row_of(run) for run in runs], none, none, made_with, none)
-    folder = write(evaluation, tmp_path_factory.mktemp("robot") / "evaluation")
+    config = EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT)
+    made = dataclasses.replace(with_runs(evaluation, runs), config=config)
+    folder = write(made, tmp_path_factory.mktemp("robot"))
     assert main(["report", str(folder)]) == 0
     return folder
 

@@ -1,7 +1,5 @@
 """The matrices of `fuzzyarm linearise` against `margins`, the nonlinear loop and the equations of the module."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.io

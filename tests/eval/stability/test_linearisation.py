@@ -1,10 +1,7 @@
 """Margins: the assembly on loops solved by hand, the linear prediction against the nonlinear arm."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,6 @@ from fuzzyarm.eval.stability._linearisation import (
     linearise_path,
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.policy import Predictor
 
 ARM = ArmParameters()
 SMOOTH = dataclasses.replace(ARM, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
@@ -31,7 +27,7 @@ PLANT = slice(0, 8)
 POLICIES = {"fuzzy-4": load_policy("fuzzy-4"), "computed-torque": ComputedTorquePolicy(ARM, PERIOD, 50.0)}
 
 
-def simulate(policy, posture, loop, deviation, steps, gain=1.0, delay=0.0, arm=None) -> np.ndarray:
+def simulate(policy, posture, loop, deviation, steps, gain=1.0, delay=0.0, arm=None):
     """Plant states (steps + 1, 8) less equilibrium, of the friction-free arm started `deviation` away from it."""
     state = (loop.equilibrium[PLANT] + deviation)[:, np.newaxis]
     memory, pending = loop.equilibrium[8:], [loop.torque] * int(2 * delay)  # torques of half periods, oldest first
@@ -47,21 +43,21 @@ def simulate(policy, posture, loop, deviation, steps, gain=1.0, delay=0.0, arm=N
     return np.transpose(states - loop.equilibrium[PLANT, np.newaxis])
 
 
-def radius(matrix: np.ndarray) -> float:
+def radius(matrix):
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
-def toy(plant: list[list[float]], law: list[list[float]], half_plant: list[list[float]] | None = None) -> LocalLoop:
+def toy(plant, law, half_plant=None):
     """A loop from plain lists; its equilibrium is the origin, and without half a period it has no half delays."""
     half = np.full(np.shape(plant), math.nan) if half_plant is None else np.array(half_plant, float)
     return LocalLoop(np.array(plant, float), half, np.array(law, float), np.zeros(0), np.zeros(0))
 
 
-def stiffer(factor: float) -> ArmParameters:
+def stiffer(factor):
     return dataclasses.replace(ARM, stiffness=(factor * ARM.stiffness[0], factor * ARM.stiffness[1]))
 
 
-def linearised(policy, arm=ARM, payload=None) -> LocalLoop:
+def linearised(policy, arm=ARM, payload=None):
     """The loop at its equilibrium near the posture."""
     return linearise_at(policy, arm, POSTURE, PERIOD, payload)[0]
 
@@ -73,7 +69,7 @@ WITH_INTEGRAL = toy([[1, 1]], [[-0.5, -0.1], [1, 1]])
 
 @pytest.mark.parametrize("gain", [0.3, 1.0, 2.5])
 @pytest.mark.parametrize("delay", [0, 1, 2])
-def test_characteristic_polynomials(gain: float, delay: int) -> None:
+def test_characteristic_polynomials(gain, delay):
     """z^d (z - 1) + κ/2 without, z^d (z - 1)² + κ (z/2 - 1/2 + 1/10) with memory.
 
     Between samples, half a period x⁺ = x/2 + u and a delay d + 1/2: x⁺ = x/4 + u_(k-d-1)/2 + u_(k-d), u = -κ x/2 has
@@ -101,7 +97,7 @@ def test_characteristic_polynomials(gain: float, delay: int) -> None:
         (toy([[0.9, 0]], [[-0.5]]), 0, (0.0, math.inf)),
     ],
 )
-def test_gain_limits(loop: LocalLoop, delay: float, limits: tuple[float, float]) -> None:
+def test_gain_limits(loop, delay, limits):
     """Solved by hand for |z| = 1: an integrator, a conditionally stable loop, and one without an input."""
     assert gain_limits([loop], delay) == pytest.approx(limits, rel=2e-4)
 
@@ -116,7 +112,7 @@ def test_gain_limits(loop: LocalLoop, delay: float, limits: tuple[float, float])
     ],
 )
 @pytest.mark.parametrize("name", POLICIES)
-def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain, delay) -> None:
+def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain, delay):
     """A deviation of about 0.01 mrad over 200 periods, in units in which angles and velocities weigh alike."""
     policy = POLICIES[name]  # which knows the nominal arm only
     loop = linearised(policy, plant, payload)
@@ -133,7 +129,7 @@ def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain,
 
 
 @pytest.mark.slow
-def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is() -> None:
+def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is():
     """The same arm by its parameters and as a robot, whose equations are generated: equal loops, with a payload."""
     robot = Robot.of(ARM)
     expected, found = (linearised(ComputedTorquePolicy(arm, PERIOD, 50.0), arm, Payload(5.0)) for arm in (ARM, robot))
@@ -148,23 +144,23 @@ class FrictionModel(Springs):
 
     designs = 0
 
-    def predict(self, observation: np.ndarray, state: Any = None, *_: Any, **__: Any) -> tuple[np.ndarray, Any]:
+    def predict(self, observation, state=None, *_, **__):
         torque, memory = super().predict(observation, state)
         return torque + np.array([4.0, 2.0]) * np.tanh(observation[..., 2:4] / 1e-3), memory
 
-    def without_dry_friction(self) -> Predictor:
+    def without_dry_friction(self):
         self.designs += 1
         return Springs()
 
 
-def test_a_model_of_dry_friction_is_removed_with_the_friction() -> None:
+def test_a_model_of_dry_friction_is_removed_with_the_friction():
     policy = FrictionModel()
     plain, modelled = (linearise_path(each, ARM, PERIOD) for each in (Springs(), policy))
     assert policy.designs == 1
     np.testing.assert_array_equal([loop.matrix() for loop in modelled], [loop.matrix() for loop in plain])
 
 
-def test_equilibrium_of_a_loop_with_integral() -> None:
+def test_equilibrium_of_a_loop_with_integral():
     loop = linearised(POLICIES["fuzzy-4"])
     motor, link = loop.equilibrium[:2], loop.equilibrium[2:4]
     gravity = gravity_torque(np.sin(link[0]), np.sin(link.sum()), arm_constants(ARM))
@@ -175,7 +171,7 @@ def test_equilibrium_of_a_loop_with_integral() -> None:
 
 
 @pytest.mark.parametrize(("name", "delay"), [("fuzzy-4", 0), ("fuzzy-4", 0.5), ("computed-torque", 1)])
-def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, delay: float, few_postures: None) -> None:
+def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name, delay, few_postures):
     """At the posture that is the first to go, 3 % to either side."""
     policy = POLICIES[name]
     loops = linearise_path(policy, ARM, PERIOD)
@@ -187,10 +183,10 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
     assert np.abs(above[-50:]).max() > 1e3 * np.abs(above[:50]).max()
 
 
-def test_memory_that_the_torque_does_not_read_is_left_out() -> None:
+def test_memory_that_the_torque_does_not_read_is_left_out():
     """A call counter adds no eigenvalue 1: the loop is that of the policy without memory, motors bent off."""
 
-    def count_calls(observation: np.ndarray, state: Any) -> Any:
+    def count_calls(observation, state):
         return np.zeros((len(observation), 1)) if state is None else state + 1.0
 
     plain, counting = (linearised(Springs(memory)) for memory in (None, count_calls))

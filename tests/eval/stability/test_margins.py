@@ -1,12 +1,8 @@
 """The table of margins: numbers as by direct calls, and reasons for missing ones."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -37,13 +33,13 @@ pytestmark = pytest.mark.usefixtures("few_postures")
 
 
 @functools.cache
-def nominal() -> dict[str, Any]:
+def nominal():
     """Two policies with the arm of Table 1, measured once and not to be changed."""
     return measure_margins(MarginsConfig(NAMED))
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_rows_are_direct_calls(name: str) -> None:
+def test_rows_are_direct_calls(name):
     row = next(row for row in nominal()["rows"] if row["policy"] == name)
     policy = load_policy(name)
     soft, hard = (dataclasses.replace(ARM, stiffness=tuple(k * one for one in ARM.stiffness)) for k in (0.8, 1.2))
@@ -64,13 +60,13 @@ def test_rows_are_direct_calls(name: str) -> None:
     assert json.loads(json.dumps(nominal(), allow_nan=False)) == nominal()
 
 
-def test_the_command_of_a_configuration() -> None:
+def test_the_command_of_a_configuration():
     words = "fuzzyarm margins --policy 'my own.json' --policy fuzzy-1 --robot 'other arm.toml'"
     assert MarginsConfig(("my own.json", "fuzzy-1"), "other arm.toml").command() == words
     assert MarginsConfig().command() == "fuzzyarm margins"
 
 
-def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
+def test_a_condition_without_a_number_says_why(tmp_path):
     robot = tmp_path / "heavy.toml"
     robot.write_text("gravity = 45.0\n")
     document = measure_margins(MarginsConfig(("computed-torque",), str(robot)))
@@ -85,7 +81,7 @@ def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
     assert f"computed-torque has no '{PAYLOAD}': no equilibrium" in " ".join(printed.get().split())
 
 
-def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
+def test_a_policy_that_cannot_be_linearised_has_no_numbers():
     row = policy_margins(Springs(lambda *_: ()), ARM, 1e-3)
     assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
     assert set(row["reasons"]) == {*row["spectral_radius"], *row["loop_gain"]}
@@ -96,21 +92,21 @@ def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
     assert len(margin_notes(nominal() | {"rows": rows})) == 3  # one reason, told once
 
 
-def test_a_gain_without_limit_is_none() -> None:
+def test_a_gain_without_limit_is_none():
     """Springs without integral bear any smaller gain."""
     row = policy_margins(Springs(), ARM, 1e-3)
     assert row["loop_gain"]["lower"] is None and row["loop_gain"]["upper"] > 2.0
     assert row["reasons"] == {"lower": "stable at every loop gain tried, down to 0.01 times the nominal gain"}
 
 
-def test_two_files_of_one_name_would_be_one_row(tmp_path: Path) -> None:
-    load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
+def test_two_files_of_one_name_would_be_one_row(tmp_path):
+    load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")
     with pytest.raises(ValueError, match="two of them have the same name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
 
 
 @pytest.mark.slow
-def test_margins_of_a_robot() -> None:
+def test_margins_of_a_robot():
     document = measure_margins(MarginsConfig(robot="planar-3r"))
     assert [row["policy"] for row in document["rows"]] == list(ANY_ROBOT)
     assert document["robot"]["name"] == "planar-3r" and "parameters" not in document
@@ -122,10 +118,10 @@ ONE_OF_A_KIND = ("fuzzy-4-tip", "elastic-observer", "learned-observer", "ppo-rob
 
 
 @pytest.mark.parametrize("policies", slow_but([ONE_OF_A_KIND], [ONE_OF_A_KIND, None]), ids=str)
-def test_every_policy_there_is(policies: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_policy_there_is(policies, monkeypatch):
     """By default each has its row, is stable in the nominal loop unless it was learned, and is reported when done."""
     monkeypatch.setattr("fuzzyarm.eval.stability._linearisation.POSTURES", 1)  # not 16: each row is tested
-    steps: list[int] = []
+    steps = []
     document = measure_margins(MarginsConfig(policies), lambda: steps.append(1))
     names = [row["policy"] for row in document["rows"]]
     assert names == list(policies or NAMES) and len(steps) == len(names)
@@ -137,7 +133,7 @@ def test_every_policy_there_is(policies: tuple[str, ...] | None, monkeypatch: py
             assert radius is not None and 0.5 < radius < 1.0, row["reasons"]
 
 
-def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words() -> None:
+def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words():
     shipped = load_policy("fuzzy-4")
     hasty = FuzzyPolicy(dataclasses.replace(shipped.controller, gains=6.0 * shipped.controller.gains))
     assert "WARNING" not in margins_in_words(shipped, ARM, 1e-3)
