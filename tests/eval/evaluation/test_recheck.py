@@ -4,11 +4,11 @@ import copy
 import json
 import shutil
 import sys
-from importlib import resources
 from pathlib import Path
 
 import pytest
 from support.command_line import printed, refused
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.recheck import recheck_results
@@ -16,7 +16,6 @@ from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 
 ROOT = Path(__file__).parents[3]
-SHIPPED = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers")))
 CHECK = ["evaluate", "--check"]
 LAW = "from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy as Law\n"
 
@@ -110,10 +109,10 @@ def test_what_differs_is_shown_with_both_values(folder, document, capsys, evalua
 
 def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
     mine = folder / "mine.json"
-    shutil.copy(SHIPPED / "fuzzy-1.json", mine)
+    shutil.copy(CONTROLLERS["fuzzy-1"], mine)
     write_results(evaluate(EvaluationConfig(policies=("mine.json-tip",), cases=("nominal",))), folder)
     printed(capsys, *CHECK, "results.json")
-    shutil.copy(SHIPPED / "fuzzy-2.json", mine)
+    shutil.copy(CONTROLLERS["fuzzy-2"], mine)
     changed = "mine.json-tip has changed since it was measured: the SHA-256 of mine.json differs"
     assert changed in refused(capsys, *CHECK, "results.json")
     mine.unlink()
@@ -126,7 +125,7 @@ def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsy
     elsewhere, out = folder / "elsewhere", folder / "out"
     elsewhere.mkdir()
     mine = elsewhere / "mine.json"
-    shutil.copy(SHIPPED / "fuzzy-1.json", mine)
+    shutil.copy(CONTROLLERS["fuzzy-1"], mine)
     learned = shutil.copytree(ROOT / "fuzzyarm/fuzzy_policy/laws/learned/policies/ppo-nominal", elsewhere / "taught")
     names = [f"{mine}-tip", str(learned), "elsewhere/mine.json"]
     arguments = [word for name in names for word in ("--policy", name)]

@@ -11,12 +11,7 @@ from support.two_joints import hold
 from fuzzyarm import ArmParameters, Robot, load_policy
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.eval.stability._linearisation import (
-    LocalLoop,
-    gain_limits,
-    linearise_at,
-    linearise_path,
-)
+from fuzzyarm.eval.stability._linearisation import LocalLoop, gain_limits, linearise_at, linearise_path
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 ARM = ArmParameters()

@@ -9,26 +9,16 @@ from rich.console import Console
 from slow_twins import slow_but
 from support.springs import Springs
 
+from fuzzyarm import ArmParameters, MarginsConfig, load_policy, measure_margins
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.stability import margins as margins_table
 from fuzzyarm.eval.stability._linearisation import gain_limits, largest_radius, linearise_path
-from fuzzyarm.eval.stability.margins import (
-    MarginsConfig,
-    margin_cells,
-    margin_notes,
-    margins_in_words,
-    measure_margins,
-    policy_margins,
-)
+from fuzzyarm.eval.stability.margins import margin_cells, margin_notes, margins_in_words, policy_margins, print_margins
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.policies import ANY_ROBOT, LEARNED, NAMES, load_policy
+from fuzzyarm.policies import ANY_ROBOT, LEARNED, NAMES
 
 ARM = ArmParameters()
 NAMED = ("computed-torque", "fuzzy-4")
 PAYLOAD = "5 kg payload"
-
-
 pytestmark = pytest.mark.usefixtures("few_postures")
 
 
@@ -77,7 +67,7 @@ def test_a_condition_without_a_number_says_why(tmp_path):
     headings, (cells,) = margin_cells([row])
     assert [heading for heading, cell in zip(headings, cells, strict=True) if cell == "-"] == [PAYLOAD]
     with (console := Console(width=400)).capture() as printed:
-        margins_table.print_margins(document, console)
+        print_margins(document, console)
     assert f"computed-torque has no '{PAYLOAD}': no equilibrium" in " ".join(printed.get().split())
 
 

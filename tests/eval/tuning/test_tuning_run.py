@@ -83,12 +83,6 @@ def test_an_interrupted_tuning_goes_on_to_the_same_folder(tmp_path, calls, quick
     assert calls == [ELASTIC_OBSERVER] and contents(broken) == contents(whole)
 
 
-def test_a_tuning_that_was_killed_while_it_wrote_the_arm_can_be_begun_again(tmp_path, calls, quick_margins):
-    (tmp_path / "arm").mkdir()
-    (tmp_path / "arm" / ".robot.toml.0a1b2c3d.part").write_text("[ro")
-    assert main(["tune", "--out", str(tmp_path / "arm"), "--jobs", "1"]) == 0
-
-
 def test_no_stable_gains_are_a_result_that_fails(tmp_path, calls, monkeypatch, capsys):
     only = tuning.steps_for(None)[1:]
     monkeypatch.setattr(tuning, "steps_for", lambda arm: only)
