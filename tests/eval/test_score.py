@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from support.command_line import printed
 
 from fuzzyarm import ArmParameters, load_policy
-from fuzzyarm.cli._application import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.eval import score
@@ -51,9 +51,8 @@ def test_the_set_is_the_versions_own_and_no_training_draws_it():
 def test_the_command_prints_anchors_and_writes_the_file(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(score, "_held_out", lambda: SMALL)
     out = tmp_path / "score.json"
-    assert main(["score", "--policy", "fuzzy-4-tip", "computed-torque", "--out", str(out)]) == 0
+    text = printed(capsys, "score", "--policy", "fuzzy-4-tip", "computed-torque", "--out", out)
     document = json.loads(out.read_text())
     assert document["policies"]["computed-torque"]["N"] == 0.0
     assert document["anchors"]["learned-observer"]["N"] == 100.0
-    text = capsys.readouterr().out
     assert "fuzzy-4-tip" in text and "over 2 policies: mean N" in text and "worst N 0.0" in text

@@ -3,9 +3,9 @@
 import dataclasses
 
 import pytest
+from support.command_line import printed
 
 from fuzzyarm import ArmParameters, Controller, DesignFailed, Specification, design, load_policy
-from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.equations import corners_of
 from fuzzyarm.eval.stability.margins import ends_in_words, ends_of
 from fuzzyarm.eval.stability.sampled_design import first_with_margins, why_unstable
@@ -39,8 +39,7 @@ def test_the_gains_of_an_arm_of_other_mass_are_those_of_table_1_in_proportion(ma
 def test_a_light_pendulum_is_designed_by_default_with_margins(tmp_path, capsys):
     robot, out = tmp_path / "arm.toml", tmp_path / "c.json"
     PENDULUM.write_toml(robot)
-    assert main(["design", "--robot", str(robot), "--out", str(out)]) == 0
-    assert "WARNING" not in capsys.readouterr().out
+    assert "WARNING" not in printed(capsys, "design", "--robot", robot, "--out", out)
     made = Controller.load(out)
     assert made.alpha in ALPHAS[1:] and made.gamma == gamma_for(PENDULUM, made.alpha)
 

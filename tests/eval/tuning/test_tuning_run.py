@@ -4,7 +4,7 @@ import json
 from unittest import mock
 
 import pytest
-from support.command_line import refused
+from support.command_line import one_line_error, printed, refused
 
 from fuzzyarm import ArmParameters, EvaluationConfig, evaluate, tune_arm
 from fuzzyarm.cli import main
@@ -58,8 +58,7 @@ def contents(folder):
 
 def test_a_tuning_writes_a_whole_folder(tmp_path, calls, capsys, few_postures):
     out = tmp_path / "my-arm"
-    assert main(["tune", "--out", str(out), "--jobs", "1"]) == 0
-    said = capsys.readouterr().out
+    said = printed(capsys, "tune", "--out", out, "--jobs", "1")
     assert "computed-torque: bandwidth 40 rad/s" in said and "elastic-observer: left out" in said
     files, rows = contents(out)
     assert set(files) == {"robot.toml", NAME, "README.md", "steps/computed-torque.json", "steps/elastic-observer.json"}
@@ -87,8 +86,7 @@ def test_no_stable_gains_are_a_result_that_fails(tmp_path, calls, monkeypatch, c
     only = tuning.steps_for(None)[1:]
     monkeypatch.setattr(tuning, "steps_for", lambda arm: only)
     assert main(["tune", "--out", str(tmp_path / "arm"), "--jobs", "1"]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "no policy has stable gains" in error
+    assert "no policy has stable gains" in one_line_error(capsys)
     assert not (tmp_path / "arm" / NAME).exists()
 
 
