@@ -7,6 +7,7 @@ import shlex
 
 import numpy as np
 import pytest
+from support.command_line import printed
 from support.documentation import ROOT
 
 import fuzzyarm
@@ -50,13 +51,6 @@ def done(tmp_path_factory):
     return names, *folders
 
 
-def printed(name, folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    capsys.readouterr()
-    assert main([*command(name), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.slow
 def test_lines_and_commands_write_the_same_files(done):
     names, lines, commands = done
@@ -75,13 +69,14 @@ def test_lines_and_commands_write_the_same_files(done):
 @pytest.mark.slow
 def test_lines_and_commands_print_the_same_numbers(done, monkeypatch, capsys):
     names, lines, commands = done
-    (verified,) = printed("verify", lines, monkeypatch, capsys)
+    monkeypatch.chdir(lines)
+    (verified,), sheet, margins = (
+        json.loads(printed(capsys, *command(name), "--json")) for name in ("verify", "show", "margins")
+    )
     assert verified["margin"] == names["check"].certificate.proof_margin and verified["proven"]
-    assert printed("show", lines, monkeypatch, capsys) == names["sheet"].to_dict()
-    assert printed("margins", lines, monkeypatch, capsys)["rows"] == names["document"]["rows"]
+    assert sheet == names["sheet"].to_dict() and margins["rows"] == names["document"]["rows"]
     monkeypatch.chdir(commands)
-    assert main(command("leaderboard")) == 0
-    assert names["standing"].policy in capsys.readouterr().out
+    assert names["standing"].policy in printed(capsys, *command("leaderboard"))
 
 
 @pytest.mark.slow

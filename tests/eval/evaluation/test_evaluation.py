@@ -12,7 +12,6 @@ from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.evaluation.ranking import document, markdown, rank_policies
@@ -22,7 +21,6 @@ from fuzzyarm.eval.report._summary import metrics_table
 from fuzzyarm.eval.sweep._episodes import run_plants
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.summary import summarise
-from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.policies import load_policy
 
 
@@ -58,19 +56,6 @@ def test_an_early_end_is_reported_not_hidden():
     assert not result.complete
     assert "velocity left the domain" in result.rows[0]["reason"]
     assert "ended early in 1 of 1" in table_rows(result.rows)[0][1]
-
-
-def test_link_side_measurement_is_unstable_where_motor_side_is_not():
-    """Why the motors are measured: 30 rad/s, half the shipped bandwidth, chatters at the torque limits."""
-
-    def link_side(observation, info):
-        return np.concatenate([info["q_link"], info["dq_link"], observation[4:]])
-
-    env, law, rates = FuzzyArmEnv(), ComputedTorquePolicy(bandwidth=30.0), []
-    for sense in (None, link_side):
-        torque = [step.info["torque"] for step in episodes(env, law, env.reset(seed=0), sense=sense)]
-        rates.append(1e3 * np.sqrt(np.mean(np.diff(torque, axis=0) ** 2)))
-    assert rates[0] < 1e3 and rates[1] > 1e4  # [N m/s]
 
 
 def test_the_configuration_comes_back_from_its_file_with_points_and_loads(tmp_path):

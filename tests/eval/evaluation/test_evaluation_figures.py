@@ -183,13 +183,6 @@ def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path):
         write_figures([], tmp_path)
 
 
-ANGLES = np.linspace(0.0, 2.0 * np.pi, 50)
-
-
-def circle_in_space(first, second):
-    return [0.3, -0.2, 0.5] + 0.2 * (np.outer(np.cos(ANGLES), first) + np.outer(np.sin(ANGLES), second))
-
-
 @pytest.mark.parametrize(
     ("first", "second", "up"),
     [
@@ -200,16 +193,11 @@ def circle_in_space(first, second):
     ],
 )
 def test_a_circle_in_space_is_seen_face_on_and_upright(first, second, up):
-    points = circle_in_space(first, second)
+    angles = np.linspace(0.0, 2.0 * np.pi, 50)
+    points = [0.3, -0.2, 0.5] + 0.2 * (np.outer(np.cos(angles), first) + np.outer(np.sin(angles), second))
     view = _view_of(points)
     np.testing.assert_allclose(view.rows @ view.rows.T, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(view.rows[0], -np.array(up), atol=1e-9)
     seen = view.of(points)
     np.testing.assert_allclose(np.linalg.norm(seen - seen[:-1].mean(axis=0), axis=-1), 0.2, rtol=1e-9)
     assert view.upwards
-
-
-def test_the_plane_of_the_two_joint_arm_is_taken_as_it_is():
-    points = circle_in_space((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))[:, :2]
-    view = _view_of(points)
-    assert np.array_equal(view.of(points), points) and not view.upwards

@@ -59,11 +59,10 @@ def check(found, place, errors, rel):
     assert found.seconds[place] == pytest.approx(1e-3 * len(errors))
 
 
-@pytest.mark.parametrize(
-    "where",
-    slow_but([("nominal", 1), ("machining", 4)], [(case, i) for case in ("nominal", "machining") for i in (1, 4)]),
-    ids=str,
-)
+PLACES = [*itertools.product(("nominal", "machining"), (1, 4))]
+
+
+@pytest.mark.parametrize("where", slow_but(PLACES[::3], PLACES), ids=str)
 def test_the_numbers_are_those_of_single_environments(whole, where):
     plants = Plants(CONFIG, range(6), CONFIG.cases)
     case, i = where
