@@ -24,7 +24,6 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.run import Sweep, _identity_of, _run_chunk
 from fuzzyarm.policies import resolve_all
 
-HERE = Path(__file__).parent
 CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
 
 
@@ -101,7 +100,7 @@ Path(sys.argv[1], "found.json").write_text(json.dumps(found | {"left": ray.is_in
 @pytest.mark.slow
 def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, expected):
     """In a process of its own: Ray does not wait for its processes, which warns."""
-    path = os.pathsep.join([str(HERE), *sys.path])  # Ray's workers get it too
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])  # Ray's workers get it too
     command, environment = [sys.executable, "-c", ON_RAY, str(tmp_path)], os.environ | {"PYTHONPATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

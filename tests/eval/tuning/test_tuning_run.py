@@ -9,7 +9,6 @@ from support.command_line import one_line_error, printed, refused
 from fuzzyarm import ArmParameters, EvaluationConfig, evaluate, tune_arm
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.equations import chosen_arm
-from fuzzyarm.eval.stability.margins import _LIMITS
 from fuzzyarm.eval.tuning import _steps as steps
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning._finding import read_finding
@@ -42,14 +41,6 @@ def calls(monkeypatch):
     return made
 
 
-@pytest.fixture
-def quick_margins(monkeypatch):
-    row = {"policy": "computed-torque", "control_period": 1e-3, "spectral_radius": RADII, "reasons": {}}
-    row["loop_gain"] = dict.fromkeys(_LIMITS)
-    document = {"rows": [row], "method": {"control_period": 1e-3, "postures": 1}}
-    monkeypatch.setattr(tuning, "measure_margins", lambda config, advance: document)
-
-
 def contents(folder):
     files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     margins = json.loads(files.pop("margins.json"))
@@ -67,7 +58,7 @@ def test_a_tuning_writes_a_whole_folder(tmp_path, calls, capsys, few_postures):
     assert "bandwidth 40 rad/s" in page and "Not stable in these conditions (measured): 5 kg payload." in page
 
 
-def test_an_interrupted_tuning_goes_on_to_the_same_folder(tmp_path, calls, quick_margins, monkeypatch, capsys):
+def test_an_interrupted_tuning_goes_on_to_the_same_folder(tmp_path, calls, few_postures, monkeypatch, capsys):
     whole, broken = tmp_path / "whole" / "arm", tmp_path / "broken" / "arm"
     whole.parent.mkdir()
     broken.parent.mkdir()
@@ -90,7 +81,7 @@ def test_no_stable_gains_are_a_result_that_fails(tmp_path, calls, monkeypatch, c
     assert not (tmp_path / "arm" / NAME).exists()
 
 
-def test_what_cannot_be_tuned_is_refused_in_one_line(tmp_path, calls, quick_margins, capsys):
+def test_what_cannot_be_tuned_is_refused_in_one_line(tmp_path, calls, few_postures, capsys):
     out, weak, other = (tmp_path / name for name in ("arm", "weak.toml", "other.toml"))
     weak.write_text("torque_limit = [50.0, 25.0]\n", encoding="utf-8")
 
