@@ -18,8 +18,7 @@ from fuzzyarm.eval.bench import _entries as entries
 from fuzzyarm.eval.bench import run as bench_module
 from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.bench._entries import Entry, timed
-from fuzzyarm.eval.bench.run import BenchConfig, run_bench, write_document
-from fuzzyarm.eval.bench.run import _race as race
+from fuzzyarm.eval.bench.run import BenchConfig, _race, run_bench, write_document
 from fuzzyarm.eval.bench.speed_table import _speed_cells, draw_throughput, print_speeds
 
 
@@ -56,7 +55,7 @@ def test_a_speed_is_steps_over_time_on_the_clock():
 
 def test_entries_take_turns_after_all_are_warm_and_are_closed():
     log, warm = [], bench_module._WARM_UP
-    rows = race("group", [entry(name, FIVE, log) for name in "ab"], 5, 0.5)
+    rows = _race("group", [entry(name, FIVE, log) for name in "ab"], 5, 0.5)
     assert log[:4] == [("a", "open"), ("a", warm), ("b", "open"), ("b", warm)]
     assert log[4:-2] == [("a", 0.5), ("b", 0.5)] * 5
     assert sorted(log[-2:]) == [("a", "close"), ("b", "close")]
@@ -67,7 +66,7 @@ def test_entries_take_turns_after_all_are_warm_and_are_closed():
 def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     own = entry("own", [10.0, 20.0, 300.0, 40.0, 50.0])
     peer = entry("peer", [10.0, 5.0, 100.0, 4.0, 1.0], peer="Peer")
-    row, other = race("group", [own, peer], 5, 0.5)
+    row, other = _race("group", [own, peer], 5, 0.5)
     assert row["ratios"] == {"Peer": {"median": 4.0, "q1": 3.0, "q3": 10.0}}  # of 1, 4, 3, 10, 50
     assert row["steps_per_s"]["median"] / other["steps_per_s"]["median"] == 8.0  # which is something else
     assert other["ratios"] == {}  # peers are not compared with each other
@@ -85,7 +84,7 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     ],
 )
 def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
-    ours, theirs = race("group", [entry("own", FIVE), absent("peer", error, peer="Peer")], 5, 0.5)
+    ours, theirs = _race("group", [entry("own", FIVE), absent("peer", error, peer="Peer")], 5, 0.5)
     assert (theirs["reason"], theirs["steps_per_s"]) == (reason, None)
     assert ours["reason"] is None and ours["steps_per_s"]["median"] == 300.0 and ours["ratios"] == {}
 

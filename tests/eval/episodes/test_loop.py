@@ -23,8 +23,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_passes, record_rollout, rollout_of
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.recheck import recheck_results
-from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
-from fuzzyarm.eval.evaluation.results_file import _check_row, read_results
+from fuzzyarm.eval.evaluation.results_file import _check_rollout, _check_row, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, row_of, write_results
 from fuzzyarm.eval.report._beliefs import belief_section
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
@@ -284,9 +283,9 @@ def test_what_has_to_be_known_is_in_the_results_in_the_file_and_on_the_page(tmp_
     assert run.note == row["note"] == said
     _check_row(row, ("nominal", "own", 0))
     assert read_rollouts(write_rollouts([run], tmp_path))[0].note == said
-    _check_stored(run, row)
+    _check_rollout(run, row)
     with pytest.raises(ValueError, match="note of own in case nominal is 'all is well', but its rollout gives"):
-        _check_stored(run, row | {"note": "all is well"})
+        _check_rollout(run, row | {"note": "all is well"})
     assert said in belief_section([run])
     # Once its filter has diverged it believes nothing.
     assert "offset_1" not in run.believed

@@ -9,10 +9,9 @@ import pytest
 from PIL import Image
 from support.rollouts import made_rollout
 
-from fuzzyarm.eval.evaluation.figures import _FOCUS, _view_of, draw_figures, write_figures
-from fuzzyarm.eval.evaluation.figures import _time_figures as time_figures
+from fuzzyarm.eval.evaluation.figures import _FOCUS, _time_figures, _view_of, draw_figures, write_figures
 
-WITHOUT_FORCE = ("path", *time_figures(2))
+WITHOUT_FORCE = ("path", *_time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")
 
 
@@ -51,7 +50,7 @@ def episode(policy="a", case="nominal", *, samples=60, error=1e-3, completed=Tru
 
 def figures_of(rollouts, *names):
     """Draw the path, the overview and these figures over time: each takes a twentieth of a second."""
-    kept = {name: panels for name, panels in time_figures(2).items() if name in names}
+    kept = {name: panels for name, panels in _time_figures(2).items() if name in names}
     with mock.patch("fuzzyarm.eval.evaluation.figures._time_figures", return_value=kept):
         return draw_figures(rollouts)
 

@@ -126,8 +126,8 @@ def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain,
 @pytest.mark.slow
 def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is():
     """The same arm by its parameters and as a robot, whose equations are generated: equal loops, with a payload."""
-    robot = Robot.of(ARM)
-    expected, found = (linearised(ComputedTorquePolicy(arm, PERIOD, 50.0), arm, Payload(5.0)) for arm in (ARM, robot))
+    arms = ARM, Robot.of(ARM)
+    expected, found = (linearised(ComputedTorquePolicy(arm, PERIOD, 50.0), arm, Payload(5.0)) for arm in arms)
     np.testing.assert_allclose(found.equilibrium, expected.equilibrium, atol=1e-10)
     np.testing.assert_allclose(found.torque, expected.torque, atol=1e-6)
     for delay in (0.0, 0.5, 1.0):
