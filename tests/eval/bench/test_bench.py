@@ -14,8 +14,7 @@ from rich.console import Console
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
-from fuzzyarm.eval.bench import _entries as entries
-from fuzzyarm.eval.bench import run as bench_module
+from fuzzyarm.eval.bench import _entries, run
 from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.bench._entries import Entry, timed
 from fuzzyarm.eval.bench.run import BenchConfig, _race, run_bench, write_document
@@ -54,7 +53,7 @@ def test_a_speed_is_steps_over_time_on_the_clock():
 
 
 def test_entries_take_turns_after_all_are_warm_and_are_closed():
-    log, warm = [], bench_module._WARM_UP
+    log, warm = [], run._WARM_UP
     rows = _race("group", [entry(name, FIVE, log) for name in "ab"], 5, 0.5)
     assert log[:4] == [("a", "open"), ("a", warm), ("b", "open"), ("b", warm)]
     assert log[4:-2] == [("a", 0.5), ("b", 0.5)] * 5
@@ -110,7 +109,7 @@ def small(monkeypatch):
     }
     monkeypatch.setattr(BenchConfig, "groups", lambda self: groups)
     monkeypatch.setattr(BenchConfig, "sweep_groups", lambda self: sweep if self.lanes_sweep else {})
-    monkeypatch.setattr(bench_module, "_memory_per_lane", lambda: 321.4)
+    monkeypatch.setattr(run, "_memory_per_lane", lambda: 321.4)
     return BenchConfig(threads=1, lanes_sweep=True)
 
 
@@ -149,14 +148,14 @@ def test_the_table(small):
 
 @pytest.mark.parametrize("number", range(4))
 def test_what_is_installed_runs(number):
-    batch = entries.batch_entries(4, 1)
-    with (*entries.single_entries()[:2], batch[0], batch[-1])[number].open() as measure:
+    batch = _entries.batch_entries(4, 1)
+    with (*_entries.single_entries()[:2], batch[0], batch[-1])[number].open() as measure:
         assert measure(0.001) > 0.0
 
 
 @pytest.mark.slow
 def test_the_arm_in_torch_is_as_close_to_the_event_integrator_as_that_in_machine_code():
-    own, torch = entries._own_tip_error(), entries._torch_tip_error("cpu", "float64")
+    own, torch = _entries._own_tip_error(), _entries._torch_tip_error("cpu", "float64")
     assert own < 1e-6 and torch == pytest.approx(own, rel=1e-6)
 
 

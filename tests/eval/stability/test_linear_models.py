@@ -7,7 +7,6 @@ from support.command_line import printed
 
 from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.eval.stability import _linearisation as linearisation
 from fuzzyarm.eval.stability.linear_models import linear_models
 from fuzzyarm.eval.stability.margins import policy_margins
 
@@ -17,7 +16,9 @@ ARM, PERIOD = ArmParameters(), 1e-3
 @pytest.mark.parametrize("name", ["computed-torque", "fuzzy-4", "elastic-observer"])
 def test_open_and_closed_loop_have_the_margins_of_the_table(name, monkeypatch):
     """Closing the open loop by hand gives the eigenvalues of the closed one, and the limits of its gain."""
-    monkeypatch.setattr(linearisation, "POSTURES", 1)  # where the path begins, as without a posture
+    monkeypatch.setattr(
+        "fuzzyarm.eval.stability._linearisation.POSTURES", 1
+    )  # where the path begins, as without a posture
     policy = load_policy(name)
     models, row = linear_models(policy, ARM, PERIOD), policy_margins(policy, ARM, PERIOD)
     A, B, C, _ = models.open_loop

@@ -21,7 +21,6 @@ from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.sweep import _episodes as episodes
 from fuzzyarm.eval.sweep._distributions import DISTRIBUTIONS, NOISE, Distribution, columns_of
 from fuzzyarm.eval.sweep._episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep._plants import Plants
@@ -208,7 +207,7 @@ def test_a_kernel_of_law_and_plant_has_the_bits_of_the_loop(name, distribution, 
     for config in (SweepConfig(**given, plants=65, seed=3), heavy):
         results = []
         for threshold in (1, 10**9):
-            monkeypatch.setattr(episodes, "_WORTHWHILE", threshold)
+            monkeypatch.setattr("fuzzyarm.eval.sweep._episodes._WORTHWHILE", threshold)
             results.append(run_plants(config, {name: load_policy(name)}, config.members(0)))
         assert_equal(*results)
 

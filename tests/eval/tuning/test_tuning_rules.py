@@ -9,9 +9,7 @@ from fuzzyarm import ArmParameters, Engine, TipClaim, find_bound
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.stability._linearisation import LocalLoop
-from fuzzyarm.eval.tuning import _fuzzy_gains as fuzzy_gains
-from fuzzyarm.eval.tuning import _observer_search as observer_search
-from fuzzyarm.eval.tuning import _steps as steps
+from fuzzyarm.eval.tuning import _fuzzy_gains, _observer_search, _steps
 from fuzzyarm.eval.tuning._finding import force_factor, halving_radius, heaviest, periods_of
 from fuzzyarm.eval.tuning._fuzzy_gains import largest_deviation
 from fuzzyarm.eval.tuning._search import WORTH, Context, WeightSearch
@@ -24,7 +22,7 @@ PAPER = ArmParameters()
 def design(error, **changes):
     measured = {"case_1_joint_error_rms_mrad": error, "radius_worst_condition": 0.999, "tip_deviation_mm": 1.0}
     measured |= {"gain_margin_upper": 4.1, "gain_margin_upper_1_sample_later": 1.6} | changes
-    return fuzzy_gains._Made(None, measured, fuzzy_gains._bears(measured, halving_radius(PAPER)))
+    return _fuzzy_gains._Made(None, measured, _fuzzy_gains._bears(measured, halving_radius(PAPER)))
 
 
 def test_of_the_fuzzy_designs_with_the_smallest_error_that_bear_everything_the_smallest_bound_is_chosen():
@@ -38,13 +36,13 @@ def test_of_the_fuzzy_designs_with_the_smallest_error_that_bear_everything_the_s
         design(0.5049, tip_deviation_mm=0.9),
         design(0.5051, tip_deviation_mm=0.8),  # not within 1 %
     ]
-    assert not fuzzy_gains._equals_of(rows[:4])
+    assert not _fuzzy_gains._equals_of(rows[:4])
     for some, equals, said in (
         (rows[:6], [rows[5]], ["No other"]),
         (rows, [rows[6], rows[5]], ["2 designs", "0.9 mm", "1 mm"]),
     ):
-        assert fuzzy_gains._equals_of(some) == equals
-        assert all(part in fuzzy_gains._equals_in_words(equals) for part in said)
+        assert _fuzzy_gains._equals_of(some) == equals
+        assert all(part in _fuzzy_gains._equals_in_words(equals) for part in said)
 
 
 def test_the_tips_deviation_is_reached_by_one_friction():
@@ -73,9 +71,9 @@ def test_the_tips_deviation_is_reached_by_one_friction():
 
 def test_the_grid_of_table_1_is_the_papers_and_scales_with_inertia_and_decay_rate():
     def gammas(arm, alpha):
-        return [point.gamma for point in fuzzy_gains._points_of(arm, alpha)[:: len(fuzzy_gains._POLES)]]
+        return [point.gamma for point in _fuzzy_gains._points_of(arm, alpha)[:: len(_fuzzy_gains._POLES)]]
 
-    papers = list(fuzzy_gains._GAMMAS)
+    papers = list(_fuzzy_gains._GAMMAS)
     assert gammas(PAPER, 20.0) == papers and gammas(PAPER, 10.0)[0] == pytest.approx(2 * papers[0])
     # A tenth of every mass, moment of inertia and rotor is a tenth of the inertia.
     tenth = ArmParameters(mass=(1.5, 0.9), inertia=(0.031, 0.019), motor_inertia=(0.271, 0.05))
@@ -97,8 +95,8 @@ def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
         loop(60.0, 0.5),
         loop(50.0, 0.4),
     ]
-    assert steps._bandwidth_of(rows, halving_radius(PAPER)) is rows[-1]
-    assert steps._bandwidth_of(rows[:5], halving_radius(PAPER)) is None
+    assert _steps._bandwidth_of(rows, halving_radius(PAPER)) is rows[-1]
+    assert _steps._bandwidth_of(rows[:5], halving_radius(PAPER)) is None
 
 
 def searched(guess):
@@ -126,7 +124,7 @@ def test_the_minimum_of_a_bowl_is_found_and_the_first_guess_stays_where_nothing_
 def test_table_1_is_tuned_under_the_papers_loads_and_another_arm_under_its_own():
     other = ArmParameters(length=(0.6, 0.45))
     assert (periods_of(PAPER), heaviest(PAPER), force_factor(PAPER)) == (1500, 5.0, 1.0)
-    assert observer_search._largest_allowed(PAPER) == 0.997
+    assert _observer_search._largest_allowed(PAPER) == 0.997
     assert halving_radius(PAPER) == 0.5 ** (1.0 / 1500.0)
     assert heaviest(other) == case_for("payload", other).disturbance.payload.mass != 5.0
     assert force_factor(other) == case_for("machining", other).disturbance.tip_force.base / 138.0 != 1.0
