@@ -10,7 +10,7 @@ import pytest
 
 from fuzzyarm import Controller, certify
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.eval.paper._claims import CLAIMS, Claim
+from fuzzyarm.eval.paper._claims import CLAIMS, PaperNumber
 from fuzzyarm.eval.paper.evidence import _HIGH_GAIN, _PAPERS_OWN, _SWAPPED, _WITNESSES, FORMS, RULES, _prove_witnesses
 from fuzzyarm.fuzzy_policy.laws.printed_gains import _K as PAPER_K
 from fuzzyarm.fuzzy_policy.laws.printed_gains import _L as PAPER_L
@@ -58,9 +58,9 @@ def test_where_ours_differs_a_reason_is_given(comparison):
     ],
 )
 def test_agreement(comparison, decimals, value, expected):
-    claim = Claim("key", "here", "1.3", "q", "-", 1.3, "", comparison=comparison, decimals=decimals)
+    claim = PaperNumber("key", "here", "1.3", "q", "-", 1.3, "", comparison=comparison, decimals=decimals)
     assert claim.agrees("any", value) is expected
-    assert Claim("key", "here", "", "q", "-", {"other": 1.3}, "").agrees("any", value) is None
+    assert PaperNumber("key", "here", "", "q", "-", {"other": 1.3}, "").agrees("any", value) is None
 
 
 def test_feedforward_at_rest(evidence, comparison):

@@ -9,8 +9,8 @@ from support.command_line import printed, refused
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.paper import _report as drift
-from fuzzyarm.eval.paper._claims import CLAIMS, Claim
-from fuzzyarm.eval.paper._report import _Comparison, _Value, load_expected
+from fuzzyarm.eval.paper._claims import CLAIMS, PaperNumber
+from fuzzyarm.eval.paper._report import _Value, _Values, load_expected
 from fuzzyarm.eval.paper.figures import draw_figures
 
 
@@ -84,7 +84,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys):
         assert message in refused(capsys, "paper", *words)
 
 
-CLAIM = Claim("peak", "6.2", "228", "peak", "N m", 228.0, "", tolerance=(0.01, 1.0))
+CLAIM = PaperNumber("peak", "6.2", "228", "peak", "N m", 228.0, "", tolerance=(0.01, 1.0))
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_a_number_moves_beyond_its_tolerance(measured, stored, drifted):
 def test_a_number_that_is_new_or_gone_is_drift_and_named():
     stored = dict(load_expected())
     measured = stored | {"tip-speed": {"new": 1.0}}
-    gone, new, other = _Comparison(measured, stored | {"other": {"x": 2.0}}, {}).drifted
+    gone, new, other = _Values(measured, stored | {"other": {"x": 2.0}}, {}).drifted
     assert "tip-speed, reference: measured none, stored 1.57" in str(gone)
     assert "tip-speed, new: measured 1 m/s, stored none" in str(new)
     assert (other.claim.key, other.label) == ("other", "x")
