@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from support.shipped import CONTROLLERS
 
-from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
+from fuzzyarm import ArmParameters, Controller, load_policy
+from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from support.shipped import CONTROLLERS
 
-from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm import Controller, certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.proof.certificate import certify
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 

@@ -7,9 +7,9 @@ import mpmath
 import numpy as np
 import pytest
 
+from fuzzyarm import ArmParameters, TSModel
 from fuzzyarm.envs.physics.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.ts_model import _SINC_MINIMUM, NAMED_RULES, PREMISES, TSModel, premises
+from fuzzyarm.fuzzy_policy.ts_model import _SINC_MINIMUM, NAMED_RULES, PREMISES, premises
 
 ARM = ArmParameters()
 OTHER_ARM = ArmParameters(length=(0.3, 0.7), mass=(3.7, 11.3), mass_center=(0.11, 0.31), velocity_limit=(7.0, 9.0))

@@ -9,10 +9,9 @@ import sys
 import llvmlite.binding as llvm
 import pytest
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.batch._kernels import kernels_of
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.numbers import machine
 from fuzzyarm.numbers._llvm_text import kernel_text
 from fuzzyarm.numbers.machine import WIDE

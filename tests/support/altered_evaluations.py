@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm import Rollout, write_results
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
-from fuzzyarm.eval.evaluation.run import Evaluation, row_of, write_results
+from fuzzyarm.eval.evaluation.run import Evaluation, row_of
 
 NASTY = "<img src=x onerror=alert(1)>&\"'`${1}"  # a file may be called so
 

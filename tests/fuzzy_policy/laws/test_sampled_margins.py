@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm import ArmParameters, Robot, robot_named
 from fuzzyarm.eval.stability._linearisation import linearise_at
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws._gain_schedule import nearest_inertia, schedule_of

@@ -7,18 +7,23 @@ import numpy as np
 import pytest
 from support.plain import scheduled_torque
 
-from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm import (
+    ArmParameters,
+    EvaluationConfig,
+    Robot,
+    ScheduledSpecification,
+    design_scheduled,
+    evaluate,
+    load_policy,
+    robot_named,
+)
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.proof.policy_certificate import certificate_of
-from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 ROBOT = "planar-3r"
 N = 3

@@ -5,10 +5,9 @@ import warnings
 import numpy as np
 import pytest
 
-from fuzzyarm import load_policy
+from fuzzyarm import export_c, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.export._c_text import program_of
-from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.shield import shielded

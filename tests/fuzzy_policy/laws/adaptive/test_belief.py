@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fuzzyarm import ArmParameters, robot_named
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.equations import equations_of, two_joints
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights, affine_numbers, belief_of, prior, unit_force
 

@@ -6,10 +6,9 @@ import pytest
 from slow_twins import slow_but
 from support.policies import remembered
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import two_joints
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     FLAG,

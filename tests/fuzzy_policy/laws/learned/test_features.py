@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm import ArmParameters, robot_named
 from fuzzyarm.fuzzy_policy.laws import _elastic_target as elastic_target
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided

@@ -8,15 +8,13 @@ from slow_twins import slow_but
 from support.bundles import edited, estimate_network, resealed
 from support.policies import remembered
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, Robot, load_policy, robot_named
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
 from fuzzyarm.envs.physics.equations import equations_of, two_joints
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State, filled
-from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.known_arm import _constants_of as constants_of
 from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
@@ -31,7 +29,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import context_of, context_parts, scale_of, turns_of, units_of
 
-ARM, PLANAR, PERIOD, HIDDEN, MODULATION = ArmParameters(), robot_named("planar-3r"), 1e-3, 7, 3
+ARM, PLANAR, PERIOD, HIDDEN = ArmParameters(), robot_named("planar-3r"), 1e-3, 7
+OF_PLANAR = {"name": PLANAR.name, "digest": PLANAR.digest}
 
 
 @pytest.fixture(scope="module")
@@ -149,8 +148,7 @@ def test_the_policy_is_its_equations(policy):
 
 @pytest.mark.parametrize("swings", [False, True])
 def test_where_the_filter_has_diverged_or_commands_swing_the_elastic_observer_acts_alone(policy, swings):
-    observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
-    env, apart = FuzzyArmEnv("payload"), []
+    observer, env, apart = ElasticObserverPolicy(ARM, PERIOD), FuzzyArmEnv("payload"), []
     for given_up in (False, True):
         (observation, _), memory, own = env.reset(seed=0), None, None
         for k in range(30):
@@ -167,7 +165,7 @@ def test_where_the_filter_has_diverged_or_commands_swing_the_elastic_observer_ac
     assert min(apart[5:30]) > 0.01 and max(apart[31:]) == 0.0  # N m
 
 
-@pytest.mark.parametrize("arm", slow_but([ARM], [ARM, robot_named("planar-3r")]), ids=["paper", "planar-3r"])
+@pytest.mark.parametrize("arm", slow_but([ARM], [ARM, PLANAR]), ids=["paper", "planar-3r"])
 def test_a_lane_of_a_batch_is_the_single_arm_and_at_rest_it_is_the_elastic_observer_bit_for_bit(arm):
     n = 2 if arm is ARM else 3
     policy, observer = LearnedObserverPolicy(estimate_network(n, n), arm, PERIOD), ElasticObserverPolicy(arm, PERIOD)
@@ -197,28 +195,21 @@ def folder(tmp_path):
 
 
 def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
-    observation = np.linspace(0.1, 1.0, 10)
-    torque, _ = load_policy(folder).predict(observation)
-    assert torque.tobytes() == policy.predict(observation)[0].tobytes()
+    torque, expected = (one.predict(np.linspace(0.1, 1.0, 10))[0] for one in (load_policy(folder), policy))
+    assert torque.tobytes() == expected.tobytes()
     assert EstimateBundle.load(folder).seed == 2
 
 
 @pytest.mark.parametrize(
     ("forge", "message"),
     [
-        (
-            edited(schema="fuzzyarm-learned-observer/3"),
-            "this version of fuzzyarm reads 'fuzzyarm-learned-observer/4'; train",
-        ),
+        (edited(schema="fuzzyarm-learned-observer/3"), "fuzzyarm reads 'fuzzyarm-learned-observer/4'; train"),
         (resealed(X=np.zeros(3, np.float32)), "needed: A, B, C"),
         (resealed(A=np.zeros((HIDDEN, 3), np.float32)), r"the arrays A \(.*\) and V \(.*\) fit no arm"),
         (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
         (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
         (edited(control_period=5.0), "control_period"),
-        (
-            edited(arm={"name": "planar-3r", "digest": robot_named("planar-3r").digest}),
-            "exactly one of the entries 'parameters' and 'arm' must be given",
-        ),
+        (edited(arm=OF_PLANAR), "exactly one of the entries 'parameters' and 'arm' must be given"),
     ],
 )
 def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):
@@ -228,30 +219,34 @@ def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):
     assert "\n" not in str(caught.value)
 
 
-def test_another_arm_or_period_is_refused(folder):
-    with pytest.raises(ValueError, match="was trained on the arm of Table 1"):
-        load_policy(folder, robot=ArmParameters(mass=(15.0, 8.0)))
-    with pytest.raises(ValueError, match=r"trained for control_period = 0.001 s, not 0.002 s"):
-        load_policy(folder, control_period=2e-3)
+TURNED = dataclasses.replace(PLANAR, gravity=(9.8, 0.0, 0.0))
 
 
-def test_a_bundle_of_a_robot_is_refused_for_any_other(tmp_path):
-    folder = tmp_path / "mine"
-    EstimateBundle(estimate_network(3, 3), ArmDefinition(PLANAR.name, PLANAR.digest), PERIOD).save(folder)
-    assert EstimateBundle.load(folder).serves(dataclasses.replace(PLANAR, name="the same numbers"))
-    for robot in ("ur5", "paper", dataclasses.replace(PLANAR, gravity=(9.8, 0.0, 0.0))):
-        with pytest.raises(ValueError, match="mine was trained on planar-3r and works only on it; use that arm"):
-            load_policy(folder, robot=robot)
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("mine", {"robot": ArmParameters(mass=(15.0, 8.0))}, "was trained on the arm of Table 1"),
+        ("mine", {"control_period": 2e-3}, r"trained for control_period = 0.001 s, not 0.002 s"),
+        *[
+            ("robots", {"robot": one}, "on planar-3r and works only on it; use that")
+            for one in ("ur5", "paper", TURNED)
+        ],
+    ],
+)
+def test_a_bundle_is_refused_for_another_arm_or_period(folder, name, given, message):
+    robots = folder.with_name("robots")
+    EstimateBundle(estimate_network(3, 3), ArmDefinition(**OF_PLANAR), PERIOD).save(robots)
+    assert EstimateBundle.load(robots).serves(dataclasses.replace(PLANAR, name="the same numbers"))
+    with pytest.raises(ValueError, match=f"{name} .*{message}"):
+        load_policy(folder.with_name(name), **given)
 
 
 def test_units_of_a_robot_are_those_of_the_same_arm_and_angles_add_about_parallel_axes():
-    paper, robot = ArmParameters(), Robot.of(ArmParameters())
-    assert scale_of(robot) == scale_of(paper) == (1.0, 1.0, 1.0)
+    assert scale_of(Robot.of(ARM)) == scale_of(ARM) == (1.0, 1.0, 1.0)
     for name in ("torque", "load", "velocity", "acceleration", "slow", "slow_tip", "rest", "length"):
-        np.testing.assert_allclose(getattr(units_of(robot), name), getattr(units_of(paper), name), rtol=1e-12)
-    np.testing.assert_array_equal(turns_of(robot), turns_of(paper))
-    np.testing.assert_array_equal(turns_of(paper), [0, 1])
-    np.testing.assert_array_equal(turns_of(robot_named("ur5")), [0, 0, 1, 1, 0, 0])
+        np.testing.assert_allclose(*(getattr(units_of(arm), name) for arm in (Robot.of(ARM), ARM)), rtol=1e-12)
+    for arm, turns in ((ARM, [0, 1]), (Robot.of(ARM), [0, 1]), (robot_named("ur5"), [0, 0, 1, 1, 0, 0])):
+        np.testing.assert_array_equal(turns_of(arm), turns)
 
 
 @pytest.mark.slow
@@ -261,10 +256,8 @@ def test_the_context_of_a_robot_is_its_equations(name):
     joints, physics, units = len(robot), equations_of(robot), units_of(robot)
     part, generator = context_parts(joints, 3), np.random.default_rng(0)
     c, o, feedforward = np.empty(part.motion.stop), generator.normal(size=5 * joints), generator.normal(size=joints)
-    limit, turns = robot.drive("torque_limit"), turns_of(robot)
-    seen = observed(o)
-    arm = filled(physics.Arm, constants_of(robot))
-    context_of(physics)(seen, feedforward, limit, turns, arm, units, c)
+    limit, turns, arm = robot.drive("torque_limit"), turns_of(robot), filled(physics.Arm, constants_of(robot))
+    context_of(physics)(observed(o), feedforward, limit, turns, arm, units, c)
     q, _, _, dq, ddq = np.split(o, 5)
     jacobian = rigid_body.tip_jacobian(robot, q)
     velocity = jacobian @ dq
@@ -285,7 +278,5 @@ def test_the_margins_of_a_robot_are_the_elastic_observers():
     policies = LearnedObserverPolicy(estimate_network(3, 3), PLANAR, PERIOD), ElasticObserverPolicy(PLANAR, PERIOD)
     own, base = (policy_margins(one, PLANAR, PERIOD)["spectral_radius"]["nominal"] for one in policies)
     assert own == base
-    with pytest.raises(
-        ValueError, match="the network is for 6 joints and a tip with 3 coordinates, but the arm has 3 joints and"
-    ):
+    with pytest.raises(ValueError, match="for 6 joints and a tip with 3 coordinates, but the arm has 3 joints and"):
         LearnedObserverPolicy(estimate_network(6, 3), PLANAR, PERIOD)

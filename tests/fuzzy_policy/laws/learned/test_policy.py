@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from support.bundles import bundle, edited
 
-from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm import ArmParameters, MarginsConfig, Robot, load_policy, measure_margins, robot_named
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
-from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
+from fuzzyarm.eval.stability.margins import margin_notes
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
