@@ -9,6 +9,7 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm import load_policy
+from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 
 STEPS, LANES = 200, 1024
 
@@ -40,19 +41,11 @@ def test_threads_and_batches_give_what_one_arm_gives(name):
 
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], ["fuzzy-4", "fuzzy-32", "computed-torque"]))
 def test_a_thousand_different_arms_are_tracked_to_the_end(name):
-    policy, envs = (
-        load_policy(name, allow_unproven=True),
-        gym.make_vec("FuzzyArm-v0", num_envs=LANES, randomisation="plants"),
-    )
+    envs, errors = gym.make_vec("FuzzyArm-v0", num_envs=LANES, randomisation="plants"), TipErrors(LANES)
     observation, info = envs.reset(seed=0)
     assert len(np.unique(info["randomisation"]["mass"], axis=0)) == LANES
-    state, worst, halfway = None, np.zeros(LANES), None
-    for step in range(1, 1501):
-        action, state = policy.predict(observation, state=state)
-        observation, _, terminated, truncated, info = envs.step(action)
-        assert action.shape == state.shape == (LANES, 2) and not terminated.any()
-        assert truncated.all() if step == 1500 else not truncated.any()
-        worst = np.maximum(worst, (info["final_info"] if step == 1500 else info)["tip_error"])
-        halfway = state if step == 750 else halfway
-    assert worst.min() > 1e-3 and worst.max() < 6e-3  # Table 1 itself: 4.2 to 4.6 mm
-    assert len(np.unique(halfway, axis=0)) == LANES  # an integral of its own for each
+    for step in episodes(envs, load_policy(name, allow_unproven=True), (observation, info)):
+        errors.add(step)
+    assert errors.completed.all() and np.all(errors.steps == 1500)
+    assert errors.largest.min() > 1e-3 and errors.largest.max() < 6e-3  # Table 1 itself: 4.2 to 4.6 mm
+    assert step.memory.shape == np.unique(step.memory, axis=0).shape == (LANES, 2)  # an integral of its own for each
