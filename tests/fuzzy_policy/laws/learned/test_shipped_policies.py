@@ -12,9 +12,8 @@ import pytest
 from fuzzyarm.policies import LEARNED
 
 ROOT = Path(__file__).parents[4]
-SHIPPED = ROOT / "fuzzyarm" / "fuzzy_policy" / "laws" / "learned" / "policies"
-SEEDS = ROOT / "benchmarks" / "learned"
-RESULTS = json.loads((ROOT / "benchmarks" / "results" / "learned_comparison.json").read_text(encoding="utf-8"))
+SHIPPED, SEEDS = ROOT / "fuzzyarm/fuzzy_policy/laws/learned/policies", ROOT / "benchmarks/learned"
+RESULTS = json.loads((ROOT / "benchmarks/results/learned_comparison.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", LEARNED)
