@@ -1,5 +1,6 @@
 """Machine code of other processors: the same bits where it runs here, and nothing that rounds once instead of twice."""
 
+import itertools
 import os
 import platform
 import re
@@ -20,7 +21,7 @@ FUSED = re.compile(r"\b(vfn?m(add|sub)|fn?m(add|sub|la|ls)\b)", re.I)
 PROCESSORS = {"x86-64-v3": "x86_64-unknown-linux-gnu", "generic": "aarch64-unknown-linux-gnu"}
 
 PROGRAM = """
-import hashlib, sys
+import hashlib, itertools, sys
 import llvmlite.binding as llvm
 import numpy as np
 
@@ -31,26 +32,17 @@ class Plain:
 if sys.argv[1]:
     llvm.get_host_cpu_name, llvm.get_host_cpu_features = lambda: sys.argv[1], Plain
 import gymnasium as gym
-import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
+import fuzzyarm
+from fuzzyarm.eval.episodes.loop import episodes
 
 envs = gym.make_vec("FuzzyArm-v0", num_envs=40, randomisation="plants", case="machining")
 found = hashlib.sha256()
 policy = fuzzyarm.load_policy("elastic-observer")
-observation, _ = envs.reset(seed=0)
-state = None
-for _ in range(300):
-    torque, state = policy.predict(observation, state)
-    observation, reward, *_, info = envs.step(torque)
-    for array in (observation, reward, info["tip"], torque, state):
+for step in itertools.islice(episodes(envs, policy, envs.reset(seed=0)), 300):
+    for array in (step.observation, step.reward, step.info["tip"], step.info["torque"], step.memory):
         found.update(np.ascontiguousarray(array).tobytes())
 print(found.hexdigest())
 """
-
-
-def texts():
-    """LLVM's text of a control step and of a law, of one arm and of many."""
-    kernels = (kernels_of(equations_of(ArmParameters())).step, load_policy("elastic-observer")._command_kernel)
-    return [kernel_text(one.program, one.layouts, width) for one in kernels for width in (1, WIDE)]
 
 
 def assembly(text, processor, triple):
@@ -67,7 +59,10 @@ def assembly(text, processor, triple):
 @pytest.mark.slow
 @pytest.mark.parametrize("processor", PROCESSORS)
 def test_no_multiplication_is_fused_with_an_addition(processor):
-    for text in texts():
+    """In a control step and in a law, of one arm and of many."""
+    kernels = (kernels_of(equations_of(ArmParameters())).step, load_policy("elastic-observer")._command_kernel)
+    for one, width in itertools.product(kernels, (1, WIDE)):
+        text = kernel_text(one.program, one.layouts, width)
         assert not FUSED.search(assembly(text, processor, PROCESSORS[processor]))
     free = re.sub(r"\b(fmul|fadd|fsub) ", r"\1 contract ", text)
     assert FUSED.search(assembly(free, processor, PROCESSORS[processor]))  # which is what LLVM does where it may
