@@ -21,11 +21,7 @@ from websockets.sync.client import connect
 OFF = "gpu", "quic", "background-networking", "component-update", "sync", "dev-shm-usage"
 FLAGS = ("--headless", "--no-sandbox", "--no-first-run", "--hide-scrollbars", "--remote-debugging-port=0")
 PATIENCE = 60.0  # s
-PROBLEMS = {
-    "Runtime.exceptionThrown": "exceptionDetails",
-    "Runtime.consoleAPICalled": "args",
-    "Log.entryAdded": "entry",
-}
+PROBLEMS = "Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"
 
 
 def executable() -> str | None:
@@ -57,7 +53,7 @@ class Tab:
 
     def _record(self, method: str | None, event: dict[str, Any]) -> None:
         if method in PROBLEMS:
-            self.problems.append(json.dumps(event[PROBLEMS[method]]))
+            self.problems.append(json.dumps(event))
         elif method == "Network.requestWillBeSent":
             self.requests.append(event["request"]["url"])
 
