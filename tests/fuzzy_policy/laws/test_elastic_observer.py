@@ -6,6 +6,7 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.plain import observer_law
 from support.randomisation import ROBUST
 from support.two_joints import hold
 
@@ -62,12 +63,6 @@ def inertia_at(cos2, parameters):
     """M_b at cos q2."""
     m11, m12, m22 = mass_matrix(cos2, arm_constants(parameters))
     return np.array([[m11, m12], [m12, m22]])
-
-
-def interpolated(table, cos2):
-    """A gain at `cos2` from its table over `_GRID`."""
-    entries = table.reshape(len(_GRID), -1).T
-    return np.array([np.interp(cos2, _GRID, entry) for entry in entries]).reshape(table.shape[1:])
 
 
 def tip_errors(envs, policy):
@@ -194,11 +189,8 @@ def test_the_law_in_plain_numpy():
     elastic = ElasticTarget(ARM, PERIOD)
     elastic.advance(observations, states[:, : elastic.memory_size].copy(), target, expected)
     prediction = np.hstack(policy.estimate(states))
-    for o, t, x, u in zip(observations, target, prediction, expected, strict=True):
-        K, L = (interpolated(table, np.cos(o[1])) for table in (policy.feedback, policy.observer))
-        x = x + L @ (o[:4] - x[MEASURED])
-        wanted = np.concatenate([t[:2] - x[8:] / ARM.stiffness, o[4:6], t[2:4], o[6:8]])
-        u -= x[8:] + K @ (x[:8] - wanted)
+    lanes = zip(observations, prediction, target, expected, strict=True)
+    expected = np.array([observer_law(policy, *lane)[1] for lane in lanes])
     limit, (torque, _) = np.array(ARM.torque_limit), policy.predict(observations, states)
     assert np.mean(np.abs(expected) < limit) > 0.9
     np.testing.assert_allclose(torque, np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from slow_twins import slow_but
 from support.bundles import edited, estimate_network, resealed
+from support.plain import observer_law
 from support.policies import remembered
 
 from fuzzyarm import ArmParameters, Robot, load_policy, robot_named
@@ -13,7 +14,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
-from fuzzyarm.envs.physics.equations import equations_of, two_joints
+from fuzzyarm.envs.physics.equations import equations_of, robot_of, two_joints
 from fuzzyarm.envs.physics.records import PerJoint, State, filled
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.known_arm import _constants_of as constants_of
@@ -42,6 +43,21 @@ def sigmoid(x):
     return 1.0 / (1.0 + np.exp(-x))
 
 
+def context(arm, o, feedforward):
+    """The parts of c that the arm decides, in their order, and the last one: whether the tip moves."""
+    (q, _, _, dq, ddq), units, psi = np.split(o, 5), units_of(arm), []
+    jacobian = tip_jacobian(q, ARM.length) if arm is ARM else rigid_body.tip_jacobian(arm, q)
+    velocity = jacobian @ dq
+    square = velocity @ velocity
+    travel = velocity / np.sqrt(square + units.slow_tip**2)
+    for angle, turn in zip(q, turns_of(arm), strict=True):
+        psi.append(angle + (turn * psi[-1] if turn else 0.0))
+    angles, limit = np.ravel([np.cos(psi), np.sin(psi)], order="F"), robot_of(arm).drive("torque_limit")
+    scaled = dq / units.velocity, ddq / units.acceleration, feedforward / limit, dq / np.sqrt(dq**2 + units.slow**2)
+    c = np.concatenate([angles, *scaled, travel, jacobian.T @ travel / units.length])
+    return c, square / (square + units.rest**2)
+
+
 class Oracle:
     """The equations of `policy`, `network` and `signals` in plain NumPy, for one arm."""
 
@@ -51,32 +67,6 @@ class Oracle:
         self.settings, self.filter = adaptive.settings, np.zeros(adaptive.memory.noise.stop)
         self.target, self.h, self.rho, self.predicted = ElasticTarget(ARM, PERIOD), np.zeros(HIDDEN), np.zeros(2), None
         self.target_memory = np.zeros((1, self.target.memory_size))
-
-    def correct(self, o, desired, feedforward):
-        """The innovation, the corrected estimate, and the torque of the elastic observer."""
-        place = 4.0 * (np.cos(o[1]) + 1.0)
-        left = min(int(place), 7)
-        feedback, gain = (
-            (left + 1 - place) * table[left] + (place - left) * table[left + 1]
-            for table in (self.observer.feedback, self.observer.observer)
-        )
-        innovation = o[:4] - self.predicted[[0, 1, 4, 5]]
-        estimate = self.predicted + gain @ innovation
-        unbent = desired[:2] - estimate[8:] / ARM.stiffness
-        error = estimate[:8] - np.concatenate([unbent, o[4:6], desired[2:4], o[6:8]])
-        return innovation, estimate, feedforward - estimate[8:] - feedback @ error
-
-    def context(self, o, feedforward, trust):
-        q, dq, ddq = o[:2], o[6:8], o[8:]
-        jacobian = tip_jacobian(q, ARM.length)
-        velocity = jacobian @ dq
-        travel = velocity / np.sqrt(velocity @ velocity + 0.02**2)
-        angles = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
-        moving = velocity @ velocity / (velocity @ velocity + 1e-4**2)
-        directions = dq / np.sqrt(dq**2 + 0.05**2)
-        limits = np.array(ARM.torque_limit)
-        scaled = np.concatenate([angles, dq / 3.0, ddq / 30.0, feedforward / limits])
-        return np.concatenate([scaled, directions, travel, jacobian.T @ travel, trust, [moving]])
 
     def beliefs(self, m):
         """The shares of the loads in z, and of the trust in c."""
@@ -118,9 +108,10 @@ class Oracle:
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
         correct(m, self.settings, room, observed(o))  # called as they are: not compiled
         act(room.acted, m, self.settings, room, u_a)
-        slow, estimate, u = self.correct(o, desired[0], feedforward[0])
-        (belief, trust), gap = self.beliefs(m), u_a - u
-        share = self.residual((innovation, slow), estimate[8:], gap, belief, self.context(o, feedforward[0], trust))
+        estimate, u = observer_law(self.observer, o, self.predicted, desired[0], feedforward[0])
+        (belief, trust), gap, (c, moving) = self.beliefs(m), u_a - u, context(ARM, o, feedforward[0])
+        innovations = innovation, o[:4] - self.predicted[[0, 1, 4, 5]]
+        share = self.residual(innovations, estimate[8:], gap, belief, np.concatenate([c, trust, [moving]]))
         u = np.clip(u + share * gap + self.rho * [600.0, 300.0], -np.array(ARM.torque_limit), ARM.torque_limit)
         m.commands[0] = applied
         predict(m, self.settings, room, u_a)
@@ -237,8 +228,12 @@ def test_a_bundle_is_refused_for_another_arm_or_period(folder, tmp_path):
 
 def test_units_of_a_robot_are_those_of_the_same_arm_and_angles_add_about_parallel_axes():
     assert scale_of(Robot.of(ARM)) == scale_of(ARM) == (1.0, 1.0, 1.0)
-    for name in ("torque", "load", "velocity", "acceleration", "slow", "slow_tip", "rest", "length"):
+    known = {"velocity": 3.0, "acceleration": 30.0, "slow": 0.05, "slow_tip": 0.02, "rest": 1e-4, "length": 1.0}
+    for name, value in known.items():
+        np.testing.assert_array_equal(getattr(units_of(ARM), name), value)
+    for name in ("torque", "load", *known):
         np.testing.assert_allclose(*(getattr(units_of(arm), name) for arm in (Robot.of(ARM), ARM)), rtol=1e-12)
+    assert units_of(PLANAR).slow_tip == 0.02 * scale_of(PLANAR).length == 0.02 * units_of(PLANAR).length
     for arm, turns in ((ARM, [0, 1]), (Robot.of(ARM), [0, 1]), (robot_named("ur5"), [0, 0, 1, 1, 0, 0])):
         np.testing.assert_array_equal(turns_of(arm), turns)
 
@@ -247,24 +242,12 @@ def test_units_of_a_robot_are_those_of_the_same_arm_and_angles_add_about_paralle
 @pytest.mark.parametrize("name", ["planar-3r", "ur5"])
 def test_the_context_of_a_robot_is_its_equations(name):
     robot = robot_named(name)
-    joints, physics, units = len(robot), equations_of(robot), units_of(robot)
-    part, generator = context_parts(joints, 3), np.random.default_rng(0)
-    c, o, feedforward = np.empty(part.motion.stop), generator.normal(size=5 * joints), generator.normal(size=joints)
-    limit, turns, arm = robot.drive("torque_limit"), turns_of(robot), filled(physics.Arm, constants_of(robot))
-    context_of(physics)(observed(o), feedforward, limit, turns, arm, units, c)
-    q, _, _, dq, ddq = np.split(o, 5)
-    jacobian = rigid_body.tip_jacobian(robot, q)
-    velocity = jacobian @ dq
-    travel = velocity / np.sqrt(velocity @ velocity + (0.02 * scale_of(robot).length) ** 2)
-    psi = [q[0]]
-    for angle, turn in zip(q[1:], turns[1:], strict=True):
-        psi.append(angle + turn * psi[-1])
-    np.testing.assert_allclose(c[part.angles], np.ravel([np.cos(psi), np.sin(psi)], order="F"), atol=1e-12)
-    np.testing.assert_allclose(c[part.travel], travel, atol=1e-12)
-    np.testing.assert_allclose(c[part.lever], jacobian.T @ travel / scale_of(robot).length, atol=1e-12)
-    np.testing.assert_allclose(c[part.velocities], dq / units.velocity)
-    np.testing.assert_allclose(c[part.accelerations], ddq / units.acceleration)
-    np.testing.assert_allclose(c[part.feedforward], feedforward / limit)
+    joints, physics, generator = len(robot), equations_of(robot), np.random.default_rng(0)
+    part, o, feedforward = context_parts(joints, 3), generator.normal(size=5 * joints), generator.normal(size=joints)
+    c, limit, arm = np.empty(part.motion.stop), robot.drive("torque_limit"), filled(physics.Arm, constants_of(robot))
+    context_of(physics)(observed(o), feedforward, limit, turns_of(robot), arm, units_of(robot), c)
+    expected = np.append(*context(robot, o, feedforward))
+    np.testing.assert_allclose(np.append(c[: part.lever.stop], c[part.motion]), expected, atol=1e-12)
 
 
 @pytest.mark.slow
