@@ -7,28 +7,24 @@ import os
 import numpy as np
 import pytest
 from safetensors.numpy import save
-from support.bundles import answering, bundle, edited, resealed, robot_bundle
+from support.bundles import answering, bundle, edited, estimate_network, resealed, robot_bundle
 from support.policies import answers
 from support.results import identical
 
-from fuzzyarm import robot_named
+from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import _LARGEST_DESCRIPTION as LARGEST
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
 HIDDEN, ROBOT = 3, robot_named("planar-3r")
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A folder with a whole bundle."""
-    bundle().save(tmp_path / "mine")
-    return tmp_path / "mine"
-
-
-def test_a_bundle_comes_back_bit_for_bit(folder):
-    first, second = bundle(), PolicyBundle.load(folder)
+def test_a_bundle_comes_back_bit_for_bit(tmp_path):
+    first, folder = bundle(), tmp_path / "mine"
+    first.save(folder)
+    second = PolicyBundle.load(folder)
     for name in ("features", "action", "training", "seed", "curve", "versions"):
         assert getattr(first, name) == getattr(second, name)
     for name in ("clip", "mean", "std", "weights", "biases"):
@@ -68,7 +64,7 @@ DAMAGES = (
     (resealed(save({"w": np.zeros(3, np.float32)})), r"has the arrays \(w\); needed"),
     (resealed(b"\x80\x04."), "weights.safetensors is damaged"),
 )
-DAMAGES_OF_A_ROBOTS = (
+DAMAGES_OF_A_ROBOTS = (  # a bundle for planar-3r
     (edited(arm="gone"), "arm is missing; only a policy for the two-joint arm"),
     (edited("features", joints=2), "features.joints = 2, but action.scale is for 3 joint"),
     (edited("features", joints=13), "joints = 13 is out of range"),
@@ -78,15 +74,28 @@ DAMAGES_OF_A_ROBOTS = (
 )
 
 
-@pytest.mark.parametrize(
-    ("made", "damage", "message"),
-    [*((bundle(), *one) for one in DAMAGES), *((robot_bundle(ROBOT), *one) for one in DAMAGES_OF_A_ROBOTS)],
+DAMAGES_OF_AN_OBSERVERS = (
+    (edited(schema="fuzzyarm-learned-observer/3"), "fuzzyarm reads 'fuzzyarm-learned-observer/4'; train"),
+    (resealed(X=np.zeros(3, np.float32)), "needed: A, B, C"),
+    (resealed(A=np.zeros((7, 3), np.float32)), r"the arrays A \(.*\) and V \(.*\) fit no arm"),
+    (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
+    (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
+    (edited(control_period=5.0), "control_period"),
+    (
+        edited(arm={"name": ROBOT.name, "digest": ROBOT.digest}),
+        "exactly one of the entries 'parameters' and 'arm' must be given",
+    ),
 )
+OBSERVER = EstimateBundle(estimate_network(), ArmParameters(), 1e-3)
+BUNDLES = ((bundle(), DAMAGES), (robot_bundle(ROBOT), DAMAGES_OF_A_ROBOTS), (OBSERVER, DAMAGES_OF_AN_OBSERVERS))
+
+
+@pytest.mark.parametrize(("made", "damage", "message"), [(made, *one) for made, damages in BUNDLES for one in damages])
 def test_a_damaged_or_foreign_bundle_is_refused_in_one_line(tmp_path, made, damage, message):
     made.save(tmp_path / "mine")
     damage(tmp_path / "mine")
     with pytest.raises(BundleError, match=message) as caught:
-        PolicyBundle.load(tmp_path / "mine")
+        load_policy(tmp_path / "mine", robot=ROBOT)
     assert str(caught.value).isprintable() and len(str(caught.value)) < 700
 
 
@@ -107,9 +116,10 @@ def test_the_layers_are_those_of_the_equation(activation, hidden, output, last, 
     assert ("output" in named) == (output == "tanh")  # bundles of PPO have the bytes that they always had
 
 
-def test_saving_replaces_a_bundle_and_nothing_else(folder, tmp_path):
-    bundle(seed=1).save(folder)
-    assert PolicyBundle.load(folder).network.weights[0][0, 0] == bundle(seed=1).network.weights[0][0, 0]
+def test_saving_replaces_a_bundle_and_nothing_else(tmp_path):
+    for made in (bundle(), bundle(seed=1)):
+        made.save(tmp_path / "mine")
+        assert PolicyBundle.load(tmp_path / "mine").network.weights[0][0, 0] == made.network.weights[0][0, 0]
     (tmp_path / "papers").mkdir()
     with pytest.raises(ValueError, match="exists and is not a policy bundle"):
         bundle().save(tmp_path / "papers")
