@@ -148,28 +148,22 @@ def test_what_cannot_be_recorded_is_refused(wrong):
         Program(lambda x, y, _: (x,), ((0.0,), (0.0, 0.0)))
 
 
-FITTING = np.zeros((4, 3)), np.zeros((4, 4))
-
-
-@pytest.mark.parametrize(
-    ("arrays", "table", "message"),
-    [
-        ((np.zeros((4, 3), np.float32), FITTING[1]), TABLE, "float32"),
-        ((np.zeros((4, 2)), FITTING[1]), TABLE, r"shape \(4, 2\)"),
-        ((FITTING[0], np.zeros((5, 4))), TABLE, r"array 1 \(for 4 arms\) has shape \(5, 4\)"),
-        ((np.zeros((4, 6))[:, ::2], FITTING[1]), TABLE, "strides"),
-        (FITTING[:1], TABLE, r"1 array\(s\) and 1 table\(s\) were given; the program takes 2 and 1"),
-        (FITTING, np.zeros((0, 3)), "table 0 has shape"),
-        (FITTING, np.zeros((2, 4)), "table 0 has shape"),
-        (FITTING, np.zeros((2, 3), np.float32), "table 0 has shape"),
-        (FITTING, np.zeros((4, 6))[::2, ::2], "table 0 has shape"),
-    ],
-)
-def test_arrays_that_do_not_fit_are_refused(arrays, table, message):
-    kernel = recorded()
-    kernel(FITTING, *GIVEN)
-    with pytest.raises(ValueError, match=message):
-        kernel(arrays, np.array(SHARED), (table,))
+def test_arrays_that_do_not_fit_are_refused():
+    kernel, (three, four) = recorded(), (np.zeros((4, 3)), np.zeros((4, 4)))
+    kernel((three, four), *GIVEN)
+    for arrays, table, message in (
+        ((np.zeros((4, 3), np.float32), four), TABLE, "float32"),
+        ((np.zeros((4, 2)), four), TABLE, r"shape \(4, 2\)"),
+        ((three, np.zeros((5, 4))), TABLE, r"array 1 \(for 4 arms\) has shape \(5, 4\)"),
+        ((np.zeros((4, 6))[:, ::2], four), TABLE, "strides"),
+        ((three,), TABLE, r"1 array\(s\) and 1 table\(s\) were given; the program takes 2 and 1"),
+        ((three, four), np.zeros((0, 3)), "table 0 has shape"),
+        ((three, four), np.zeros((2, 4)), "table 0 has shape"),
+        ((three, four), np.zeros((2, 3), np.float32), "table 0 has shape"),
+        ((three, four), np.zeros((4, 6))[::2, ::2], "table 0 has shape"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            kernel(arrays, np.array(SHARED), (table,))
 
 
 N = 5
@@ -238,12 +232,14 @@ assert x[0, 0] == 3.0 / 7.0
 """
 
 
-def run(folder, count=1):
-    words, options = [sys.executable, "-c", PROGRAM], {"env": os.environ | {machine._CACHE: str(folder)}}
-    together = [subprocess.Popen(words, **options, stderr=subprocess.PIPE) for _ in range(count)]
-    for one in together:
-        _, error = one.communicate(timeout=120)
-        assert one.returncode == 0, error.decode()
+def run(folder, program=PROGRAM, word="", count=1):
+    """Run processes together that keep machine code in a folder; return what they print."""
+    words, environment = [sys.executable, "-c", program, word], os.environ | {machine._CACHE: str(folder)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    together = [subprocess.Popen(words, env=environment, text=True, **pipes) for _ in range(count)]
+    said = [one.communicate(timeout=300) for one in together]
+    assert not any(one.returncode for one in together), said
+    return "".join(out for out, _ in said)
 
 
 def test_a_file_that_is_damaged_or_foreign_is_made_again(tmp_path):
@@ -334,11 +330,6 @@ def test_no_multiplication_is_fused_with_an_addition(processor):
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="runs the machine code of x86-64 processors")
 def test_an_old_processor_gives_the_same_bits(tmp_path):
-    found = []
-    for processor in ("", "x86-64"):  # this one with all it has, and one of 2003
-        environment, words = os.environ | {machine._CACHE: str(tmp_path)}, [sys.executable, "-c", SIMULATION, processor]
-        answer = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
-        assert answer.returncode == 0, answer.stderr
-        found.append((answer.stdout, {path.name for path in tmp_path.iterdir()}))
-    assert found[0][0] == found[1][0] and len(found[0][0]) == 65
-    assert len(found[1][1]) == 2 * len(found[0][1])  # each has its own machine code
+    digest, files = run(tmp_path, SIMULATION), len(list(tmp_path.iterdir()))  # of this one with all it has
+    assert run(tmp_path, SIMULATION, "x86-64") == digest and len(digest) == 65  # one of 2003
+    assert len(list(tmp_path.iterdir())) == 2 * files  # each has its own machine code

@@ -32,15 +32,14 @@ def observations(count):
     return np.hstack([np.hstack([q, dq]) + 1e-3 * rng.normal(size=(count, 4)), q, dq, ddq])
 
 
-def some_state(policy, batch):
-    """A state as the policy has it after two calls."""
-    return answers(policy, (batch, batch + 1e-3))[1]
+def with_states(name, count):
+    """A policy, a batch of observations, and its states after two calls."""
+    policy, batch = loaded(name), observations(count)
+    return policy, batch, answers(policy, (batch, batch + 1e-3))[1]
 
 
 def read_only(array):
-    array = array.copy()
-    array.flags.writeable = False
-    return array
+    return np.broadcast_to(array, array.shape)
 
 
 def unaligned(array):
@@ -93,8 +92,7 @@ QUICK = [name for name in ONE_OF_A_KIND if "32" not in name and name != "learned
 @pytest.mark.parametrize("name", slow_but(QUICK, ONE_OF_A_KIND))
 class TestProtocol:
     def test_a_batch_equals_its_lanes_bit_for_bit(self, name):
-        policy, batch = loaded(name), observations(40)
-        states = some_state(policy, batch)
+        policy, batch, states = with_states(name, 40)
         actions, after = policy.predict(batch, state=states)
         for lane in range(0, 40, 3):
             action, state = policy.predict(batch[lane], state=states[lane])
@@ -103,15 +101,13 @@ class TestProtocol:
 
     @pytest.mark.parametrize("laid_out", [np.asfortranarray, read_only, unaligned])
     def test_the_layout_of_what_is_given_changes_nothing(self, name, laid_out):
-        policy, batch = loaded(name), observations(3)
-        states = some_state(policy, batch)
+        policy, batch, states = with_states(name, 3)
         before = batch.copy(), states.copy()
         found, wanted = policy.predict(laid_out(batch), state=laid_out(states)), policy.predict(batch, state=states)
         assert all(map(np.array_equal, found, wanted)) and all(map(np.array_equal, before, (batch, states)))
 
     def test_episode_start_resets_only_its_lanes(self, name):
-        policy, batch = loaded(name), observations(3)
-        states = some_state(policy, batch)
+        policy, batch, states = with_states(name, 3)
         actions, _ = policy.predict(batch, state=states, episode_start=np.array([False, True, False]))
         (fresh, _), (kept, _) = policy.predict(batch), policy.predict(batch, state=states)
         np.testing.assert_array_equal(actions[[0, 2]], kept[[0, 2]])

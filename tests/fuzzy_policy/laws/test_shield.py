@@ -120,9 +120,8 @@ def test_a_shield_is_written_in_c_like_any_law(tmp_path):
         export_c("shield", load_policy("shield:fuzzy-4-tip:adaptive-observer:4,2"), tmp_path, "float")
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
+def test_other_names_are_refused():
+    for name, message in (
         ("shield:fuzzy-4-tip:any:4,2", "stands for a shield with any policy inside, which only fuzzyarm prove accepts"),
         ("shield:fuzzy-4-tip:ppo-robust:4", "must be 2 real numbers"),
         ("shield:fuzzy-4-tip:ppo-robust:a,b", "its margin 'a,b' must be one torque for each joint"),
@@ -131,11 +130,9 @@ def test_a_shield_is_written_in_c_like_any_law(tmp_path):
         ("shield:os:ppo-robust:4,2", "unknown policy 'os'"),
         ("shield:fuzzy-4-tip", "unknown policy .* shield:LAW:POLICY:4,2"),
         ("shield:fuzzy-4-tip:shield:fuzzy-4:fuzzy-4:1,1:4,2", "unknown policy"),
-    ],
-)
-def test_other_names_are_refused(name, message):
-    with pytest.raises(ValueError, match=message):
-        load_policy(name)
+    ):
+        with pytest.raises(ValueError, match=message):
+            load_policy(name)
 
 
 def test_a_name_is_recorded_without_the_machine_and_any_guest_stands_for_it():

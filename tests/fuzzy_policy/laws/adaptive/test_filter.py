@@ -74,24 +74,21 @@ def test_confining_a_number_moves_the_others_as_their_covariance_says():
     np.testing.assert_allclose(m.z, z + P[:, -1] / P[-1, -1], atol=1e-12)
 
 
-def read_from(angle, velocity, period=1e-3):
-    """What `_note_noise` has read after the last sample, and at each of them."""
-    (m, room), found = believing(0.0, 0.0), []
-    m.read[:], m.flags[FLAG.samples] = (angle[0], velocity[0], -period * velocity[0]), 1.0 / steps._NOISE_SHARE + 2.0
-    for room.measured in np.column_stack([angle, velocity]).reshape(len(angle), 4):
-        steps._note_noise(m, SETTINGS.replaced(substep=period, substeps=1), room)
+@pytest.mark.parametrize("sigma", [1e-5, 3e-5])
+def test_noise_that_is_read_converges_to_the_variance_and_ignores_a_smooth_motion(sigma):
+    (m, room), rng, settings = (
+        believing(0.0, 0.0),
+        np.random.default_rng(6),
+        SETTINGS.replaced(substep=1e-3, substeps=1),
+    )
+    time, found = 1e-3 * np.arange(3000)[:, np.newaxis] * np.ones(2), []
+    angle = 0.5 * np.sin(6.0 * time) + sigma * rng.normal(size=time.shape)
+    velocity = 3.0 * np.cos(6.0 * time) + 100.0 * sigma * rng.normal(size=time.shape)
+    m.read[:], m.flags[FLAG.samples] = (angle[0], velocity[0], -1e-3 * velocity[0]), 1.0 / steps._NOISE_SHARE + 2.0
+    for room.measured in np.hstack([angle, velocity]):
+        steps._note_noise(m, settings, room)
         found.append(m.noise.copy())
-    return np.array(found)
-
-
-def test_noise_that_is_read_converges_to_the_variance_and_ignores_a_smooth_motion():
-    rng = np.random.default_rng(6)
-    time = 1e-3 * np.arange(3000)[:, np.newaxis] * np.ones(2)
-    angle, velocity = 0.5 * np.sin(6.0 * time), 3.0 * np.cos(6.0 * time)
-    for sigma in (1e-5, 3e-5):
-        noise = sigma * rng.normal(size=(2, *time.shape))
-        found = read_from(angle + noise[0], velocity + 100.0 * noise[1])
-        assert np.mean(found[500:]) == pytest.approx(sigma**2, rel=0.1)
+    assert np.mean(found[500:]) == pytest.approx(sigma**2, rel=0.1)
 
 
 def moved(z, torque, directions, base, slopes):
@@ -128,39 +125,35 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     np.testing.assert_allclose(m.P, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
 
 
-def calm_after(m, corrections):
-    """Calm after corrections (samples, forces) [N] of the forces."""
+def corrected_by(corrections, calm=0.0):
+    """The memory after corrections (samples, forces) [N] of the forces."""
+    m, _ = believing(0.0, 0.0)
+    m.flags[FLAG.calm] = calm
     for correction in corrections:
         before = m.z[FORCE].copy()
         m.z[FORCE] += correction
         steps._note_moves(m, SETTINGS, before)
-    return m.flags[FLAG.calm]
-
-
-@pytest.fixture
-def memory():
-    return believing(0.0, 0.0)[0]
+    return m
 
 
 @pytest.mark.parametrize("size", [1e-6, 10.0, 1e4])
-def test_noise_of_any_size_leaves_the_forces_calm(memory, size):
+def test_noise_of_any_size_leaves_the_forces_calm(size):
     noise = size * np.random.default_rng(0).normal(size=(600, FORCES))
-    assert calm_after(memory, noise) > 0.7
+    assert corrected_by(noise).flags[FLAG.calm] > 0.7
 
 
 @pytest.mark.parametrize("size", [1.0, 100.0])
-def test_a_direction_ends_the_calm_within_samples_and_opens_the_variance(memory, size):
-    memory.flags[FLAG.calm] = 1.0
-    assert calm_after(memory, np.tile([size, 0.0, 0.0], (12, 1))) < 0.05
-    variances = np.diagonal(memory.P)[FORCE]
-    np.testing.assert_allclose(variances, SETTINGS.reopening, rtol=0.05)  # the whole of it, in parts
+def test_a_direction_ends_the_calm_within_samples_and_opens_the_variance(size):
+    memory = corrected_by(np.tile([size, 0.0, 0.0], (12, 1)), calm=1.0)
+    assert memory.flags[FLAG.calm] < 0.05
+    np.testing.assert_allclose(np.diagonal(memory.P)[FORCE], SETTINGS.reopening, rtol=0.05)  # all of it, in parts
 
 
 @pytest.mark.parametrize("beyond", [0.5, 4.0, 1e4])
 @pytest.mark.parametrize("what", ["calm and noise", "no noise", "a direction"])
-def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean_given_it(memory, beyond, what):
+def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean_given_it(beyond, what):
     """Without noise, and where corrections have a direction, nothing shrinks."""
-    rng, room, load = np.random.default_rng(0), Room(two_joints(), SETTINGS), slice(8, 8 + BELIEF.payload.stop)
+    (memory, room), rng, load = believing(0.0, 0.0), np.random.default_rng(0), slice(8, 8 + BELIEF.payload.stop)
     root, guess = rng.normal(size=memory.P.shape), SETTINGS.guess[: load.stop - 8]
     memory.P[:], memory.z[:] = root @ root.T, rng.normal(size=len(memory.z))
     memory.flags[FLAG.calm], memory.noise[:] = float(what != "a direction"), 0.0 if what == "no noise" else 1e-10

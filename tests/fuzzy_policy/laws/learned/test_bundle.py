@@ -19,6 +19,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.network import Cell
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
 HIDDEN, ROBOT = 3, robot_named("planar-3r")
+ROBOTS_ENTRY = {"name": ROBOT.name, "digest": ROBOT.digest}
 
 
 def test_a_bundle_comes_back_bit_for_bit(tmp_path):
@@ -81,10 +82,7 @@ DAMAGES_OF_AN_OBSERVERS = (
     (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
     (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
     (edited(control_period=5.0), "control_period"),
-    (
-        edited(arm={"name": ROBOT.name, "digest": ROBOT.digest}),
-        "exactly one of the entries 'parameters' and 'arm' must be given",
-    ),
+    (edited(arm=ROBOTS_ENTRY), "exactly one of the entries 'parameters' and 'arm' must be given"),
 )
 OBSERVER = EstimateBundle(estimate_network(), ArmParameters(), 1e-3)
 BUNDLES = ((bundle(), DAMAGES), (robot_bundle(ROBOT), DAMAGES_OF_A_ROBOTS), (OBSERVER, DAMAGES_OF_AN_OBSERVERS))
@@ -180,14 +178,11 @@ def test_every_lane_has_a_memory_of_its_own_which_begins_with_its_episode():
     assert not np.array_equal(state[0], state[1])
 
 
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
+def test_a_cell_of_other_shapes_is_refused():
+    for shapes, message in (
         (((12, 4), (12, 4), (12,)), "weight_x has shape"),
         (((12, 4), (12,), (12,)), "weight_h has 1 dimension"),
         (((0, 4), (0, 0), (0,)), "0 columns; allowed: 1 to 1024"),
-    ],
-)
-def test_a_cell_of_other_shapes_is_refused(shapes, message):
-    with pytest.raises(ValueError, match=message):
-        Cell(*(np.zeros(shape) for shape in shapes))
+    ):
+        with pytest.raises(ValueError, match=message):
+            Cell(*map(np.zeros, shapes))

@@ -92,9 +92,8 @@ def test_within_a_hold_the_last_command_counts():
     assert features.command(first, (20.0, 1.0)) == last != first
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "message"),
-    [
+def test_what_is_out_of_range_is_named():
+    for kind, values, message in (
         (FeatureDefinition, {"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0 to 100"),
         (FeatureDefinition, {"integral_time": math.nan}, "integral_time = nan s is .* allowed: .0, 1e.06. s"),
         (FeatureDefinition, {"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
@@ -103,11 +102,9 @@ def test_within_a_hold_the_last_command_counts():
         (ActionDefinition, {"base": "fuzzy-4"}, r"scale\[0\] = 400.0 rad is out of range; allowed: \(0, 0.5\] rad"),
         (ActionDefinition, {"smoothing_time": -1.0}, "smoothing_time = -1.0 s is out of range"),
         (ActionDefinition, {"base": ""}, "base = ''"),
-    ],
-)
-def test_what_is_out_of_range_is_named(kind, values, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        kind(**values)
+    ):
+        with pytest.raises((TypeError, ValueError), match=message):
+            kind(**values)
 
 
 RANDOM = np.random.default_rng(0)
