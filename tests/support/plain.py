@@ -12,10 +12,8 @@ from fuzzyarm.fuzzy_policy.laws._gain_schedule import _GRID
 def hold_numpy(physics, state, torque, force, arm, h, substeps):
     """Return the new states (numbers of the state, lanes), with shapes and units of `hold_of`."""
     before, constants = filled(physics.State, state), filled(physics.Arm, arm)
-    after = held_of(physics)(
-        before, physics.PerJoint(*torque), force[: physics.axes], force[physics.axes :], constants, h, substeps
-    )
-    return np.stack(flat(after))
+    line = force[: physics.axes], force[physics.axes :]
+    return np.stack(flat(held_of(physics)(before, physics.PerJoint(*torque), *line, constants, h, substeps)))
 
 
 def observer_law(policy, seen, prediction, desired, feedforward):

@@ -40,15 +40,11 @@ class _Scripted(Policy):
 
 def _rollout(policy, beside, steps, case="nominal"):
     """Return the torques of a policy in an episode, and those of another that sees the same samples."""
-    env, torques = FuzzyArmEnv(case), []
-
-    def noted(torque):
-        torques.append(torque)
-        return torque
-
+    env = FuzzyArmEnv(case)
     start = env.reset(seed=0)
-    after = [step.observation for step in itertools.islice(episodes(env, policy, start, actuate=noted), steps)]
-    return np.array(torques), answers(beside, [start[0], *after[:-1]])[0]
+    run = list(itertools.islice(episodes(env, policy, start), steps))
+    seen = [start[0], *(step.observation for step in run[:-1])]
+    return np.array([step.info["torque"] for step in run]), answers(beside, seen)[0]
 
 
 @pytest.mark.parametrize("guest", ["ppo-robust", "adaptive-observer", "fuzzy-4"])

@@ -7,6 +7,7 @@ import os
 import numpy as np
 import pytest
 from safetensors.numpy import save
+from scipy.special import expit
 from support.bundles import answering, bundle, edited, estimate_network, resealed, robot_bundle
 from support.policies import answers
 from support.results import identical
@@ -141,12 +142,8 @@ def oracle(network, features, h, m):
     """One lane of the network as the textbook has it; returns action, h and m."""
     x, cell = np.clip((features - network.mean) / network.std, -network.clip, network.clip), network.cell
     i, r, g, o = np.split(cell.weight_x @ x + cell.weight_h @ h + cell.bias, 4)
-
-    def sigma(a):
-        return 1.0 / (1.0 + np.exp(-a))
-
-    m = sigma(r) * m + sigma(i) * np.tanh(g)
-    h = sigma(o) * np.tanh(m)
+    m = expit(r) * m + expit(i) * np.tanh(g)
+    h = expit(o) * np.tanh(m)
     y = np.tanh(network.weights[0] @ h + network.biases[0])
     return np.clip(network.weights[1] @ y + network.biases[1], -1.0, 1.0), h, m
 

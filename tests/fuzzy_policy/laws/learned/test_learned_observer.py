@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.special import expit
 from slow_twins import slow_but
 from support.bundles import estimate_network
 from support.plain import observer_law
@@ -35,10 +36,6 @@ ARM, PLANAR, PERIOD, HIDDEN = ArmParameters(), robot_named("planar-3r"), 1e-3, 7
 @pytest.fixture(scope="module")
 def policy():
     return LearnedObserverPolicy(estimate_network())
-
-
-def sigmoid(x):
-    return 1.0 / (1.0 + np.exp(-x))
 
 
 def context(arm, o, feedforward):
@@ -82,7 +79,7 @@ class Oracle:
             scaled += [fine, coarse * innovation**2 / (innovation**2 + units[0] ** 2)]
         torques = np.array([600.0, 300.0])
         z = np.concatenate([*scaled, load / torques, np.arcsinh(gap / (0.05 * torques)), self.rho, belief])
-        gates = sigmoid(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
+        gates = expit(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
         s, r = gates[:HIDDEN], gates[HIDDEN:]
         candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
         self.h = self.h + s * (candidate - self.h)
