@@ -37,7 +37,7 @@ from fuzzyarm.numbers.functions import (
     whole,
     word,
 )
-from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
+from fuzzyarm.numbers.machine import WIDE, Kernel, PortLayout
 from fuzzyarm.numbers.program import Program
 
 TABLE = np.arange(15.0).reshape(5, 3) ** 2
@@ -101,7 +101,7 @@ def test_layouts_change_no_bit_and_no_neighbour(arms):
     rows, block, wide, apart = x.copy(), in_blocks(x.T), np.full((4, arms + 5), 7.0), np.full((arms, 9), 7.0)
     apart[:, :3] = x
     recorded()((rows, seen), *GIVEN)
-    recorded([Layout.BLOCKS, Layout.COLUMNS])((block, wide[:, :arms]), *GIVEN)
+    recorded([PortLayout.BLOCKS, PortLayout.COLUMNS])((block, wide[:, :arms]), *GIVEN)
     recorded()((apart[:, :3], apart[:, 4:8]), *GIVEN)
     assert same(by_rows(block, arms).T, rows)
     assert same(wide[:, :arms], seen.T) and (wide[:, arms:] == 7.0).all()

@@ -14,7 +14,7 @@ from fuzzyarm.rl_baselines.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate._courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate._teacher import Teacher
 
-__all__ = ["Chunk", "Drive"]
+__all__ = ["Chunk", "DrivenLanes"]
 
 
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
@@ -23,7 +23,7 @@ _RESTARTS = 0.5  # fraction of the lanes that restart with each chunk, since the
 
 
 class Chunk(NamedTuple):
-    """A chunk of experience for learning; the symbols are those of `laws.learned.estimate.network`."""
+    """A chunk of experience for learning; the symbols are those of `laws.learned.estimate.rnn`."""
 
     z: torch.Tensor  # (steps, lanes, size of z)
     c: torch.Tensor  # (steps, lanes, size of c)
@@ -38,7 +38,7 @@ class Chunk(NamedTuple):
         return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 
 
-class Drive:
+class DrivenLanes:
     """The lanes of `courses`, driven by the student, chunk by chunk; the generator draws noise and plants.
 
     Attributes:

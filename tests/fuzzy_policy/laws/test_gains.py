@@ -106,7 +106,7 @@ PROGRAM = """
 import sys
 from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import feedback_table
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, gain_tables
 arm = chosen_arm(sys.argv[1], None)
 _, *tables = gain_tables(arm, 1e-3, ObserverWeights())

@@ -11,7 +11,7 @@ from fuzzyarm import ArmParameters, export_c, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.export._c_text import program_of
-from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
+from fuzzyarm.fuzzy_policy.laws.guest import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.shield import shielded
 from fuzzyarm.policies.spec import any_guest, recorded, resolve, without_guest

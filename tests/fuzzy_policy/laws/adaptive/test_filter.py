@@ -11,7 +11,7 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as steps
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions, affine_numbers, belief_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
@@ -27,7 +27,7 @@ def believing(z, P):
     """A memory with copies of z and P, and room."""
     m = remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
     m.z[:], m.P[:] = z, P
-    return m, Room(two_joints(), SETTINGS)
+    return m, Scratch(two_joints(), SETTINGS)
 
 
 def covariance(rng, scale=1.0):

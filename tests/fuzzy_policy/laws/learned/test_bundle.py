@@ -15,7 +15,7 @@ from support.results import identical
 from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import _LARGEST_DESCRIPTION as LARGEST
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 

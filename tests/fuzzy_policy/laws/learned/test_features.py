@@ -8,7 +8,7 @@ import pytest
 from fuzzyarm import ArmParameters, robot_named
 from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided
+from fuzzyarm.fuzzy_policy.laws.learned.features import FeatureLanes, Features, guided
 from fuzzyarm.fuzzy_policy.laws.learned.network import _LARGEST, add_product, area_sine, hyperbolic_tangent
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
@@ -76,7 +76,7 @@ def expected(definition, observations, actions, torques, k):
 def test_features_are_those_of_the_equations(definition):
     observations, actions, torques = history(definition.joints)
     features = Features(definition, PERIOD, ARM if definition.joints == 2 else robot_named("planar-3r"))
-    lanes, memory, held = Lanes(features, guided(None)), np.zeros((3, features.memory_size)), np.empty((3, 0))
+    lanes, memory, held = FeatureLanes(features, guided(None)), np.zeros((3, features.memory_size)), np.empty((3, 0))
     for k in range(len(observations)):
         wanted = expected(definition, observations, actions, torques, k)
         np.testing.assert_allclose(lanes.see(observations[k], memory), wanted, rtol=1e-12, atol=1e-14)
