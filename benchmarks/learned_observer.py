@@ -31,8 +31,8 @@ from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.sweep._episodes import run_plants
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 QUANTILES = (0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 1.0)

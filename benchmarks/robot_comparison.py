@@ -29,7 +29,7 @@ from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, poli
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
 from fuzzyarm.policies import ANY_ROBOT
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 from fuzzyarm.synthesis._scalar_design import best_feedback

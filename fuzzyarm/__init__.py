@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from gymnasium.envs.registration import registry
 
 from fuzzyarm.common.registry import lazily
-from fuzzyarm.envs.spec import Spec
+from fuzzyarm.envs.spec_json import Spec
 from fuzzyarm.policies import load_policy
 
 if TYPE_CHECKING:

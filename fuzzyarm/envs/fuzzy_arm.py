@@ -31,7 +31,7 @@ from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.spec import Spec, made_from_json
+from fuzzyarm.envs.spec_json import Spec, made_from_json
 from fuzzyarm.envs.task import Termination
 
 __all__ = ["FuzzyArmEnv"]

@@ -29,7 +29,7 @@ from fuzzyarm.envs.scenario.default_reference import default_reference, is_place
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.spec import made_from_json
+from fuzzyarm.envs.spec_json import made_from_json
 from fuzzyarm.envs.task import Termination
 
 __all__ = ["RESET_MASK", "FuzzyArmVectorEnv", "masked", "masked_lanes", "values"]

@@ -144,7 +144,7 @@ class Recorded(_Program):
 
         `Unsupported` if an operation cannot be written in C.
         """
-        writer, zero = _Writer(self, real), _literal_of(0.0, real)
+        writer, zero = _CWriter(self, real), _literal_of(0.0, real)
         lines, functions = writer.step(), list[str]()
         for function in reversed(self.functions.values()):  # a function calls only those before it
             if function.name in writer.used:
@@ -355,7 +355,7 @@ class _Uses:
         return own + self._decided(region.parent)
 
 
-class _Writer:
+class _CWriter:
     def __init__(self, of: Recorded, real: str) -> None:
         """Set up the writer of the C text of a recorded program; `real` is "double" or "float"."""
         self.used, self.tables = set[Any](), set[int]()  # used names of `_HELPERS` and functions; used tables

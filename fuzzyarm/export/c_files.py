@@ -23,8 +23,8 @@ from fuzzyarm.export._c_text import LARGEST, Recorded, Unsupported, program_of
 from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.guest import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [

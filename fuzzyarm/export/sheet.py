@@ -35,7 +35,7 @@ __all__ = ["certified_numbers", "default_certificate", "sheet_of"]
 
 
 @dataclasses.dataclass(frozen=True)
-class _Quantity:
+class _Symbol:
     """A number or an array in the equations of a law."""
 
     name: str  # as in the equations
@@ -51,8 +51,8 @@ class _LawSheet:
     policy: str  # its name
     law: str  # what it is, in words
     equations: tuple[str, ...]  # one per line, in the order of computation
-    quantities: tuple[_Quantity, ...]  # the numbers in the equations
-    check: tuple[_Quantity, ...]  # one observation and what an implementation must compute from it
+    quantities: tuple[_Symbol, ...]  # the numbers in the equations
+    check: tuple[_Symbol, ...]  # one observation and what an implementation must compute from it
     certificate: PolicyCertificate | None  # None if nothing is proven
     invariant: InvariantSet | None  # states from which the arm stays in the certificate's box; None also for -tip laws
 
@@ -90,7 +90,7 @@ class _LawSheet:
         return sheet | {"invariant_set": self.invariant and self.invariant._asdict()}
 
 
-_Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # title, equations and numbers
+_Law = tuple[str, tuple[str, ...], tuple[_Symbol, ...]]  # title, equations and numbers
 
 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
@@ -145,18 +145,18 @@ def _fuzzy(policy: FuzzyPolicy) -> _Law:
     c = arm_constants(model.parameters)
     gains, low, high = controller.gains, model.bounds[:, 0], model.bounds[:, 1]
     quantities = [
-        _Quantity("c2, c4, c5", "kg m^2, N m, N m", "of the premises", np.array([c.c2, c.c4, c.c5])),
-        _Quantity("zmin", "as z", "smallest values of z1 to z5 in the box", low),
-        _Quantity("zmax", "as z", "largest values", high),
-        _Quantity("K", "N m/rad (2), N m s/rad (2)", "feedback of (e, de): (i, k, torque, entry)", gains[..., PLANT]),
+        _Symbol("c2, c4, c5", "kg m^2, N m, N m", "of the premises", np.array([c.c2, c.c4, c.c5])),
+        _Symbol("zmin", "as z", "smallest values of z1 to z5 in the box", low),
+        _Symbol("zmax", "as z", "largest values", high),
+        _Symbol("K", "N m/rad (2), N m s/rad (2)", "feedback of (e, de): (i, k, torque, entry)", gains[..., PLANT]),
     ]
     if controller.integral:
-        quantities.append(_Quantity("H", "N m/(rad s)", "feedback of x_I: (i, k, torque, entry)", gains[..., INTEGRAL]))
+        quantities.append(_Symbol("H", "N m/(rad s)", "feedback of x_I: (i, k, torque, entry)", gains[..., INTEGRAL]))
     unit, forward = "N m/rad (2), N m s/rad (2), kg m^2 (2)", controller.feedforward_gains + 0.0  # no -0
     quantities += [
-        _Quantity("L", unit, "feedforward of r: (i, k, torque, entry)", forward),
-        _Quantity("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
-        _Quantity("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
+        _Symbol("L", unit, "feedforward of r: (i, k, torque, entry)", forward),
+        _Symbol("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
+        _Symbol("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
     ]
     return f"fuzzy law of {model.rules} rules, {controller.form} form", equations, tuple(quantities)
 
@@ -165,17 +165,17 @@ def sheet_of(name: str, policy: Policy) -> _LawSheet:
     """Return the sheet of a policy with its name in the heading; ValueError for kinds of policies without a sheet."""
     law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
     common = (
-        _Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
-        _Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
+        _Symbol("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
+        _Symbol("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
     )
     seen, state, torques = _check_observation(policy.joints), None, []
     for _ in range(3):
         torque, state = policy.predict(seen, state)
         torques.append(torque)
     check = (
-        _Quantity("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
-        _Quantity("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
-        _Quantity("memory", "SI", "what is remembered after them", np.asarray(state)),
+        _Symbol("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
+        _Symbol("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
+        _Symbol("memory", "SI", "what is remembered after them", np.asarray(state)),
     )
     certificate = default_certificate(policy)
     along = None if certificate is None or isinstance(policy, TipPolicy) else invariant_set(certificate.controller)
@@ -214,7 +214,7 @@ def _computed_torque(policy: ComputedTorquePolicy) -> _Law:
         "u = M(q) a + C(q, dq) dq + g(q) + I_a a + f_v dq",
         *_LIMITS,
     )
-    bandwidth = _Quantity("omega", "rad/s", "of the triple pole at -omega", np.array(policy.bandwidth))
+    bandwidth = _Symbol("omega", "rad/s", "of the triple pole at -omega", np.array(policy.bandwidth))
     return "computed torque with integral action", equations, (bandwidth, *_arm(policy))
 
 
@@ -230,10 +230,10 @@ def _scheduled(policy: ScheduledPolicy) -> _Law:
     )
     k_p, k_d, k_i = controller.feedback
     quantities = (
-        _Quantity("k_p", "1/s^2", "gain of the position error", np.array(k_p)),
-        _Quantity("k_d", "1/s", "gain of its rate", np.array(k_d)),
-        _Quantity("k_i", "1/s^3", "gain of its integral", np.array(k_i)),
-        _Quantity("S", "kg m^2", "scheduled inertia (rule r, joint, joint)", controller.inertia),
+        _Symbol("k_p", "1/s^2", "gain of the position error", np.array(k_p)),
+        _Symbol("k_d", "1/s", "gain of its rate", np.array(k_d)),
+        _Symbol("k_i", "1/s^3", "gain of its integral", np.array(k_i)),
+        _Symbol("S", "kg m^2", "scheduled inertia (rule r, joint, joint)", controller.inertia),
         *_arm(policy),
     )
     return "gains scheduled over the inertia, semidefinite form", equations, quantities
@@ -270,9 +270,9 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
         + ("cos q2 from -1 to 1" if schedule.cosine else "the kept angles"),
     )
     quantities = (
-        _Quantity("K", "SI", "feedback (point, joint, x)", policy.feedback),
-        _Quantity("L", "SI", "observer (point, (x, d), measurement)", policy.observer),
-        _Quantity(
+        _Symbol("K", "SI", "feedback (point, joint, x)", policy.feedback),
+        _Symbol("L", "SI", "observer (point, (x, d), measurement)", policy.observer),
+        _Symbol(
             "kept", "-", "numbers of the joints over whose angles K and L are tabulated", np.add(1.0, schedule.kept)
         ),
         *_arm(policy),
@@ -280,14 +280,14 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
     return "observer of links and load, state feedback", equations, quantities
 
 
-def _arm(policy: Policy) -> tuple[_Quantity, ...]:
+def _arm(policy: Policy) -> tuple[_Symbol, ...]:
     """Return quantities for a sheet: parameters of the equations of motion (robots: masses) and of the drives."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
-    drives = tuple(_Quantity(name, DRIVE_UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
+    drives = tuple(_Symbol(name, DRIVE_UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):
         c = np.array(arm_constants(arm)[:5])
-        return (_Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
-    return (_Quantity("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)
+        return (_Symbol("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
+    return (_Symbol("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)
 
 
 _LAWS: dict[type[Policy], Callable[[Any], _Law]] = {

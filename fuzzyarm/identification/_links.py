@@ -60,7 +60,7 @@ class RobotFit(NamedTuple):
     interrupted: bool
 
 
-class _Samples(NamedTuple):
+class _LogSamples(NamedTuple):
     """Samples of one log, or of a part of one."""
 
     Y: np.ndarray  # (N, n, 14 n)
@@ -139,7 +139,7 @@ def _robot_with(pi: np.ndarray, start: Robot) -> Robot:
     return dataclasses.replace(start, joints=tuple(joints))
 
 
-def _samples_of(robot: Robot, motion: Motion, period: float, most: int) -> _Samples:
+def _samples_of(robot: Robot, motion: Motion, period: float, most: int) -> _LogSamples:
     every = max(1, int((motion.settled.stop - motion.settled.start) / min(2.0 * motion.independent, most)))
     q, dq, ddq, torque = (part[motion.settled][::every] for part in motion[:4])
     n, drive = len(robot), np.zeros((*q.shape, _DRIVE * len(robot)))
@@ -148,7 +148,7 @@ def _samples_of(robot: Robot, motion: Motion, period: float, most: int) -> _Samp
         drive[:, k, _DRIVE * k : _DRIVE * (k + 1)] = np.stack(columns, axis=-1)
     Y = np.concatenate([body_regressor(robot, q, dq, ddq), drive], axis=-1)
     time = (motion.settled.start + every * np.arange(len(q))) * period
-    return _Samples(Y, torque, np.abs(dq) > _SLOWEST, time)
+    return _LogSamples(Y, torque, np.abs(dq) > _SLOWEST, time)
 
 
 class _Cones:
@@ -216,7 +216,7 @@ class _Fit(NamedTuple):
     half_width: np.ndarray | None  # of the 95 % intervals between logs, (14 n,)
 
 
-def _fitted(parts: Sequence[_Samples], start: Robot, cones: _Cones, told: np.ndarray) -> _Fit:
+def _fitted(parts: Sequence[_LogSamples], start: Robot, cones: _Cones, told: np.ndarray) -> _Fit:
     """Return the fit of a robot to logs; joint parameters outside the mask `told` (4 n,) stay near those of `start`."""
     prior, n, sigma = _numbers_of(start), len(start), np.ones(len(start))
     weights = [part.moving.astype(float) for part in parts]
@@ -269,7 +269,7 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
     try:
         if len(parts) == 1:
             cut = np.arange(len(parts[0].torque)) * _PARTS // len(parts[0].torque)
-            pieces = [_Samples(*(values[cut == k] for values in parts[0])) for k in range(_PARTS)]
+            pieces = [_LogSamples(*(values[cut == k] for values in parts[0])) for k in range(_PARTS)]
         else:
             pieces = parts
         groups, pairs = min(len(pieces), _GROUPS), []
@@ -308,7 +308,7 @@ def estimated_robot(logs: Sequence[Log], start: Robot, advance: Callable[[], Non
     return RobotFit(robot, tuple(rows), held, tuple(remarks), curves, interrupted)
 
 
-def _shares(pairs: Sequence[tuple[_Samples, np.ndarray]]) -> tuple[float, ...]:
+def _shares(pairs: Sequence[tuple[_LogSamples, np.ndarray]]) -> tuple[float, ...]:
     """Return, for each joint, rms residual over rms torque; `pairs` are samples with the parameters π (14 n,).
 
     The torque counts as at least a thousandth of the largest joint's, because a motor may be off.

@@ -29,7 +29,7 @@ from scipy.stats import t as student
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification._simulation import Simulator, Windows, simulated
 
-__all__ = ["Found", "Search", "fitted"]
+__all__ = ["Fit", "Search", "fitted"]
 
 _DIFFERENCE = 1e-4  # step of the finite differences, in scales of a parameter
 _CAUCHY = 3.0  # scale of Cauchy's function, in medians of the windows' costs
@@ -77,7 +77,7 @@ class Search:
 
 
 @dataclasses.dataclass(eq=False)
-class Found:
+class Fit:
     """The best values z that a search has found for its unknowns, with the data for their covariance."""
 
     search: Search
@@ -196,7 +196,7 @@ def fitted(
     begin: np.ndarray | None = None,
     close: float = 1e-4,
     advance: Callable[[], None] = lambda: None,
-) -> Found:
+) -> Fit:
     """Return the unknowns z that minimise the cost in the docstring of the module.
 
     Args:
@@ -214,7 +214,7 @@ def fitted(
     z, states = np.clip(search.start if begin is None else begin, search.low, search.high), problem.guess
     known, damping = search.likely**-2.0, 1e-3
     count = len(z)
-    found = Found(search, z, states, np.diag(known), np.zeros((len(problem.logs), count)))
+    found = Fit(search, z, states, np.diag(known), np.zeros((len(problem.logs), count)))
     try:
         residuals, done = problem.residuals(z, states), False
         for k in range(steps + 1):

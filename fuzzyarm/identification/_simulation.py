@@ -33,7 +33,7 @@ from fuzzyarm.envs.physics.records import PerJoint, filled, places, record_type,
 from fuzzyarm.identification._rigid import constants_of
 from fuzzyarm.identification.log import Log
 from fuzzyarm.numbers.functions import repeat, zeros
-from fuzzyarm.numbers.machine import Kernel, Layout
+from fuzzyarm.numbers.machine import Kernel, PortLayout
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["EDGE", "ELASTIC", "RIGID", "Simulator", "Windows", "rms", "rms_errors", "simulated", "windows_of"]
@@ -156,7 +156,7 @@ def _rigid_hold() -> Callable[..., None]:
         return repeat(substeps, sub_step, state), torque, arm
 
     kinds = _RigidState, PerJoint, Arm
-    kernel = Kernel(Program(step, [zeros(places(kind)) for kind in kinds], (0.0, 0.0)), [Layout.COLUMNS] * 3)
+    kernel = Kernel(Program(step, [zeros(places(kind)) for kind in kinds], (0.0, 0.0)), [PortLayout.COLUMNS] * 3)
     return lambda state, torque, arm, *given: kernel((state, torque, arm), np.array(given, dtype=np.float64))
 
 

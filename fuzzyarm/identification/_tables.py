@@ -26,7 +26,7 @@ from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.checks import shown
 from fuzzyarm.common.documents import open_regular, read_bytes
 
-__all__ = ["Table", "listing", "read_table", "unit_of"]
+__all__ = ["LogTable", "listing", "read_table", "unit_of"]
 
 _LARGEST_FILE, _LARGEST_BAG, _LARGEST_METADATA = 64 * 2**20, 8 * 2**30, 2**20  # bytes
 _MOST_STATES, _MOST_COLUMNS = 400_000, 1000
@@ -48,7 +48,7 @@ _FIELDS = ("position", "velocity", "effort")
 
 
 @dataclasses.dataclass
-class Table:
+class LogTable:
     """The columns of numbers in a file, with their names and units."""
 
     names: list[str]  # as in the file, without units; "1", "2", ... if the file has no names
@@ -65,7 +65,7 @@ def listing(names: Iterable[str], most: int = 12) -> str:
     return ", ".join(map(shown, every[:most])) + f" and {len(every) - most} more" * (len(every) > most) or "none"
 
 
-def read_table(path: Path, topic: str | None = None) -> Table:
+def read_table(path: Path, topic: str | None = None) -> LogTable:
     """Return the table in a file or a bag's folder; `topic` selects one of several topics with joint states.
 
     ValueError: the file has no known format, is too large, or is damaged; OSError: it cannot be read.
@@ -169,7 +169,7 @@ def _seconds(text: str) -> float | None:
     return (date if date.tzinfo else date.replace(tzinfo=datetime.UTC)).timestamp()
 
 
-def _text(content: bytes) -> Table:
+def _text(content: bytes) -> LogTable:
     """Return the table in a delimited text."""
     text, remarks = _decoded(content)
     if not text.strip("\x00 \t\r\n"):
@@ -220,7 +220,7 @@ def _text(content: bytes) -> Table:
     if len(kept) < len(rows) - first:
         remarks.append(f"{len(rows) - first - len(kept)} line(s) that are cut off or have no numbers are left out")
     places = [str(k + 1) for k in range(style.width)]
-    table = Table(names or places, units, np.array(kept, dtype=float), remarks, headed=bool(names))
+    table = LogTable(names or places, units, np.array(kept, dtype=float), remarks, headed=bool(names))
     written = list(itertools.compress(lines[first:], rows[first:]))
     for k in np.flatnonzero(np.isnan(table.values).any(axis=0)).tolist():
         for row in np.flatnonzero(np.isnan(table.values[:, k]))[:_PROBED].tolist():
@@ -267,7 +267,7 @@ def _heading(
     return names, units
 
 
-def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
+def _of_arrays(arrays: dict[str, np.ndarray]) -> LogTable:
     """Return the table in arrays of one length: vectors, matrices with a column (or row) per joint, and records."""
     flat: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
@@ -290,7 +290,7 @@ def _of_arrays(arrays: dict[str, np.ndarray]) -> Table:
     one_group = len({name.rpartition("/")[0] for name in columns}) == 1  # such as log/q and log/tau
     names = [name.rpartition("/")[2] if one_group else name for name in columns]
     headed = any(name and not name.isdigit() for name in names)
-    return Table(names, {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
+    return LogTable(names, {}, np.stack([part.astype(float) for part in columns.values()], axis=1), [], headed)
 
 
 def _matlab(content: bytes) -> dict[str, np.ndarray]:
@@ -314,7 +314,7 @@ def _matlab(content: bytes) -> dict[str, np.ndarray]:
     return {name: found[name] for name in names if isinstance(found.get(name), np.ndarray)}
 
 
-def _bag(path: Path, topic: str | None) -> Table:
+def _bag(path: Path, topic: str | None) -> LogTable:
     """Return the joint states in a ROS 2 bag, at the times of their stamps or, if these are not set, of recording."""
     try:
         from rosbags.rosbag2 import Reader
@@ -368,4 +368,4 @@ def _bag(path: Path, topic: str | None) -> Table:
         for field in _FIELDS:
             for name, number in zip(message.name, getattr(message, field), strict=False):
                 row[place[f"{field} {name}"]] = number
-    return Table(columns, {"time": "s"}, values, remarks)
+    return LogTable(columns, {"time": "s"}, values, remarks)

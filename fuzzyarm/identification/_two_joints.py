@@ -20,7 +20,7 @@ import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.identification._output_error import Found, Search, fitted
+from fuzzyarm.identification._output_error import Fit, Search, fitted
 from fuzzyarm.identification._rigid import (
     UNKNOWNS,
     arm_of,
@@ -58,19 +58,17 @@ class Stages:
 
     start: ArmParameters
     arm: ArmParameters  # the best so far
-    found: Found | None = None  # result of the last stage that counts
+    found: Fit | None = None  # result of the last stage that counts
     untold: tuple[str, ...] = ()  # parameters of the rigid arm that the logs do not determine
     is_elastic: bool = False
     is_sticking: bool = False  # whether the last stage that counts has exact stick
     start_error: np.ndarray | None = None  # held-out error of the start's rigid arm [rad], (2,)
     motion: np.ndarray | None = None  # rms motion of the joints in the predicted windows [rad], (2,)
     errors: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)  # held-out errors of the stages [rad]
-    others: list[Found] = dataclasses.field(default_factory=list)  # results of every stage, whether it counts or not
+    others: list[Fit] = dataclasses.field(default_factory=list)  # results of every stage, whether it counts or not
     interrupted: bool = False
 
-    def keep(
-        self, found: Found, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False
-    ) -> None:
+    def keep(self, found: Fit, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False) -> None:
         """Adopt the result of a stage; `untold` names parameters of the rigid arm that the logs do not determine.
 
         A ratio of static to Coulomb friction or an inertia of rotor 1 that was not searched for keeps its start value.
@@ -146,7 +144,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         begin: np.ndarray,
         steps: int = _STEPS,
         arm: ArmParameters = start,
-    ) -> Found:
+    ) -> Fit:
         close = _CLOSE if simulator is RIGID and steps == _STEPS else _ELASTIC_CLOSE
         found = fitted(
             parts, simulator, search, arm, noise=noise, steps=steps, begin=begin, close=close, advance=advance
@@ -157,7 +155,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
             stages.others.append(found)
         return found
 
-    def held_out(found: Found, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
+    def held_out(found: Fit, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
         """Return the rms errors (2,) [rad] of predictions of each group with the parameters from the other groups."""
         errors = []
         for group in range(dealt.groups):
@@ -203,8 +201,8 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         stages.keep(found, (), is_elastic=True)
 
 
-def _tells_springs(found: Found) -> bool:
-    """Return whether both stiffnesses are known within a factor `_WIDEST`, or as in `Found.told` without intervals."""
+def _tells_springs(found: Fit) -> bool:
+    """Return whether both stiffnesses are known within a factor `_WIDEST`, or as in `Fit.told` without intervals."""
     widths, springs = found.half_widths(), [name.startswith("stiffness") for name in found.search.names]
     return bool(np.all(found.told()[springs] if widths is None else widths[springs] < np.log(_WIDEST)))
 

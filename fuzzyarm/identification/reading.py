@@ -21,7 +21,7 @@ from scipy.ndimage import median_filter
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.checks import shown
-from fuzzyarm.identification._tables import Table, listing, read_table, unit_of
+from fuzzyarm.identification._tables import LogTable, listing, read_table, unit_of
 from fuzzyarm.identification.log import FEWEST_SAMPLES, Log
 
 __all__ = ["held_mean", "read_log"]
@@ -120,7 +120,7 @@ def read_log(
     return dataclasses.replace(logs[0], remarks=tuple(dict.fromkeys(table.remarks))), *logs[1:]
 
 
-def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
+def _roles_of(table: LogTable, given: dict[str, str]) -> dict[str, int]:
     """Return the column of each role: time, q1, tau1, ..., and dq1, ... if all joints have one; `given` sets some."""
     roles = {role: _column(table, role, name) for role, name in given.items()}
     guessed: dict[tuple[str, str], list[int]] = {}
@@ -170,7 +170,7 @@ def _roles_of(table: Table, given: dict[str, str]) -> dict[str, int]:
     return found
 
 
-def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
+def _check_times(table: LogTable, roles: dict[str, int], is_given: bool) -> None:
     """Take a header's stamps as the time unless a column `is_given`; ValueError if time columns of like name differ."""
     words = {k: re.findall(r"[^\W\d_]+", name.lower()) for k, name in enumerate(table.names if table.headed else ())}
     every = [k for k, one in words.items() if one and _KIND.get(one[-1]) == "time" and not {"des", "ref"} & set(one)]
@@ -191,7 +191,7 @@ def _check_times(table: Table, roles: dict[str, int], is_given: bool) -> None:
             )
 
 
-def _column(table: Table, role: str, name: str) -> int:
+def _column(table: LogTable, role: str, name: str) -> int:
     if table.names.count(name) == 1:
         return table.names.index(name)
     if name.isdecimal() and 1 <= int(name) <= len(table.names):
@@ -224,7 +224,7 @@ def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
     return [numbers[k] for k in sorted(numbers)] if len(numbers) == len(named) else named
 
 
-def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
+def _unit(table: LogTable, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
     """Return the SI size of the unit of the columns `names`, from `given` or the heading; None if neither states it."""
     stated = {table.units[name] for name in names if name in table.units}
     text = given[kind] if kind in given else stated.pop() if len(stated) == 1 else ""
@@ -252,7 +252,7 @@ def _unit(table: Table, kind: str, names: list[str], given: Mapping[str, str | f
 
 
 def _pieces(
-    table: Table, roles: dict[str, int], units: Mapping[str, str | float], gear: Sequence[float], delay: float
+    table: LogTable, roles: dict[str, int], units: Mapping[str, str | float], gear: Sequence[float], delay: float
 ) -> list[Log]:
     """Return the evenly spaced logs in a table, cut at its gaps; `roles` maps roles to columns, see `read_log`."""
     values, remarks = table.values[:, list(roles.values())], table.remarks

@@ -16,7 +16,7 @@ from typing import Any
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol, Word
 
-__all__ = ["EIGHT", "WIDE", "Layout", "kernel_text"]
+__all__ = ["EIGHT", "WIDE", "PortLayout", "kernel_text"]
 
 _Number = tuple[int, int, int, str]  # port, index in the port, index among all numbers, and name of a number
 EIGHT = 8  # numbers that are exchanged between vectors together
@@ -45,7 +45,7 @@ def _literal(number: Any) -> str:
 WIDE = 16  # arms per vector if there are many
 
 
-class Layout(enum.Enum):
+class PortLayout(enum.Enum):
     """The arrangement of a port's numbers in its array.
 
     `ROWS`: (arms, numbers), the numbers of an arm side by side; rows may have gaps. `COLUMNS`: (numbers, arms), the
@@ -64,7 +64,7 @@ class _Writer:
     Each method adds lines, and some return the name of the result.
     """
 
-    def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
+    def __init__(self, program: Program, layouts: Sequence[PortLayout], width: int, *, repeated: bool) -> None:
         self.program, self.layouts, self.width = program, layouts, width
         self.repeated = repeated or bool(program.cells)
         self.masks = list[str]()
@@ -379,12 +379,12 @@ class _Writer:
     def beginnings(self) -> None:
         """Write the offsets %off at which the group's arms begin in each port."""
         for port, (layout, numbers) in enumerate(zip(self.layouts, self.program.ports, strict=True)):
-            if layout is Layout.BLOCKS:
+            if layout is PortLayout.BLOCKS:
                 block = self.new(f"and i64 %g, {-WIDE}")
                 first = self.new(f"mul i64 {block}, {numbers}")
                 inner = self.new(f"and i64 %g, {WIDE - 1}")
                 self.put(f"%off{port} = add i64 {first}, {inner}")
-            elif layout is Layout.COLUMNS:
+            elif layout is PortLayout.COLUMNS:
                 self.put(f"%off{port} = add i64 %g, 0")
             elif self.width == 1:
                 self.put(f"%off{port} = mul i64 %g, %stride{port}")
@@ -395,9 +395,9 @@ class _Writer:
     def pointer(self, port: int, k: str) -> str:
         """Return the pointer to number k of the group's first arm; for rows, the pointers for all arms of the group."""
         layout, kind = self.layouts[port], "i64"
-        apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
+        apart = {PortLayout.ROWS: "1", PortLayout.BLOCKS: str(WIDE), PortLayout.COLUMNS: f"%stride{port}"}[layout]
         step = self.new(f"mul i64 {k}, {apart}")
-        if layout is Layout.ROWS and self.width > 1:
+        if layout is PortLayout.ROWS and self.width > 1:
             kind, single, step = self.word, step, f"{step}.wide"
             self.spread(step, "i64", single)
         at = self.new(f"add {kind} %off{port}, {step}")
@@ -405,14 +405,14 @@ class _Writer:
 
     def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
         """Return the type of pointers to a port's numbers, and the LLVM function that moves them for some arms only."""
-        if self.layouts[port] is Layout.ROWS:
+        if self.layouts[port] is PortLayout.ROWS:
             return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
         return "ptr", f"masked.{of_columns}{self.suffix}.p0"
 
     def take(self, port: int, k: Any, _: Any, out: str) -> None:
         """Write the load of number k of a port, with `out` as the name of the result."""
         pointer = self.pointer(port, str(k))
-        if self.width == 1 or self.layouts[port] is Layout.BLOCKS:
+        if self.width == 1 or self.layouts[port] is PortLayout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
         else:
             kind, name = self.masked(port, "gather", "load")
@@ -422,7 +422,7 @@ class _Writer:
     def give(self, port: int, k: Any, _: Any, value: str) -> None:
         """Write the store of a value as number k of a port."""
         pointer = self.pointer(port, str(k))
-        if self.width == 1 or self.layouts[port] is Layout.BLOCKS:
+        if self.width == 1 or self.layouts[port] is PortLayout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
         else:
             kind, name = self.masked(port, "scatter", "store")
@@ -433,7 +433,7 @@ class _Writer:
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
     ) -> None:
         """Load or store numbers by `one`, or by `rows` for ports in rows if the group has several arms."""
-        in_rows = [self.width > 1 and self.layouts[port] is Layout.ROWS for port, *_ in numbers]
+        in_rows = [self.width > 1 and self.layouts[port] is PortLayout.ROWS for port, *_ in numbers]
         for number, is_in_rows in zip(numbers, in_rows, strict=True):
             if not is_in_rows:
                 one(*number)
@@ -617,6 +617,6 @@ class _Writer:
         return needed
 
 
-def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
+def kernel_text(program: Program, layouts: Sequence[PortLayout], width: int, *, repeated: bool = True) -> str:
     """Return a program as LLVM text for `width` arms at once; if `repeated`, with a loop over time steps."""
     return _Writer(program, layouts, width, repeated=repeated).whole_text()

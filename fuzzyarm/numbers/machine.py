@@ -1,7 +1,7 @@
 """A recorded program as machine code, compiled by LLVM; one arm and many at once give the same bits.
 
 The program becomes LLVM text with vectors of `width` arms, and no operation may be contracted or reordered. The numbers
-of arms stay in their arrays, see `Layout`. A group of `width` arms is loaded, stays in the processor's first-level
+of arms stay in their arrays, see `PortLayout`. A group of `width` arms is loaded, stays in the processor's first-level
 cache for all its steps, and is stored again.
 
 Machine code is kept on disk under a digest of text, processor, optimisation level and LLVM's version. A damaged file is
@@ -25,10 +25,10 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.waiting import announced
-from fuzzyarm.numbers._llvm_text import EIGHT, WIDE, Layout, kernel_text
+from fuzzyarm.numbers._llvm_text import EIGHT, WIDE, PortLayout, kernel_text
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["WIDE", "Call", "Kernel", "Layout", "kernel_text"]
+__all__ = ["WIDE", "Call", "Kernel", "PortLayout", "kernel_text"]
 
 _CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default the user's cache folder
 _LASTING = 0.5  # s of compiling, after which a message is printed; a first reset compiles two kernels
@@ -112,11 +112,11 @@ class Kernel:
     is compiled when it is first needed.
     """
 
-    def __init__(self, program: Program, layouts: Sequence[Layout] = (), *, repeated: bool = False) -> None:
+    def __init__(self, program: Program, layouts: Sequence[PortLayout] = (), *, repeated: bool = False) -> None:
         self.program, self.repeated = program, repeated
-        self.layouts = tuple(layouts) or (Layout.ROWS,) * len(program.ports)
+        self.layouts = tuple(layouts) or (PortLayout.ROWS,) * len(program.ports)
         # The port that gives the number of arms; blocks may have room for more.
-        self._counted = next(port for port, layout in enumerate(self.layouts) if layout is not Layout.BLOCKS)
+        self._counted = next(port for port, layout in enumerate(self.layouts) if layout is not PortLayout.BLOCKS)
         self._codes: dict[int, _Code] = {}
         self._known: _Known | None = None
 
@@ -131,7 +131,7 @@ class Kernel:
     ) -> Call:
         """Return the kernel bound to arrays.
 
-        Arrays of each port are float64, see `Layout`; constants (k,) and tables are float64, the latter in the
+        Arrays of each port are float64, see `PortLayout`; constants (k,) and tables are float64, the latter in the
         program's shapes, with at least one row. ValueError for another shape, type or layout.
         """
         return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
@@ -156,13 +156,13 @@ class Kernel:
                 f"float64 array of shape ({len(program.constants)},)"
             )
         first = arrays[self._counted]
-        arms = (first.shape or (0,))[0 if self.layouts[self._counted] is Layout.ROWS else -1]
+        arms = (first.shape or (0,))[0 if self.layouts[self._counted] is PortLayout.ROWS else -1]
         for port, (array, numbers, layout) in enumerate(zip(arrays, program.ports, self.layouts, strict=True)):
             shape, good = array.shape, array.dtype == _DOUBLE and array.ndim >= _AXES
             apart, step = (array.strides[0], array.strides[-1]) if shape else (0, 0)
-            if layout is Layout.ROWS:
+            if layout is PortLayout.ROWS:
                 good = good and shape == (arms, numbers) and (step == _SIZE or numbers <= 1)
-            elif layout is Layout.COLUMNS:
+            elif layout is PortLayout.COLUMNS:
                 good = good and shape == (numbers, arms) and (step == _SIZE or arms <= 1)
             else:
                 good = good and shape == (-(-arms // WIDE), numbers, WIDE) and array.flags.c_contiguous

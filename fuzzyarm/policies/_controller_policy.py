@@ -11,7 +11,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController, load_controller
+from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController, load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.proof.certificate import certify
 

@@ -14,7 +14,7 @@ from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import file_digest, load_policy, resolve
 
 if TYPE_CHECKING:
-    from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle
     from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["learned_files", "learned_policy"]
@@ -24,7 +24,7 @@ def _bundle(folder: Path) -> PolicyBundle | EstimateBundle:
     if not is_observer(folder):
         return PolicyBundle.load(folder)
     # Imported here: the network of a learned torque needs no Riccati equations.
-    from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle
 
     return EstimateBundle.load(folder)
 

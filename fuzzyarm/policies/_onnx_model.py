@@ -16,7 +16,7 @@ from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, learning_features
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
+from fuzzyarm.fuzzy_policy.laws.learned.features import FeatureLanes, Features, guided, learning_action
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["OnnxPolicy", "past_seen"]
@@ -77,7 +77,7 @@ class OnnxPolicy(Policy):
             learning_features(joints, past_seen(path, given.shape[1], joints)),
             action or learning_action(robot),
         )
-        self._features = Lanes(features := Features(definition, action.period, robot), guided(None))
+        self._features = FeatureLanes(features := Features(definition, action.period, robot), guided(None))
         self._scale, self._calls = np.array(action.scale), action.calls(control_period)
         self.action_period, self._remembered = action.period, features.memory_size
         if (shape := self._run(np.zeros((1, given.shape[1]), np.float32)).shape) != (1, joints):

@@ -220,7 +220,7 @@ _UNKNOWN = "not recorded"
 
 def _of_controller(path: Path) -> Declared:
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.scheduled import load_controller
+    from fuzzyarm.fuzzy_policy.scheduled_controller import load_controller
 
     controller = load_controller(path)
     integral = not isinstance(controller, Controller) or controller.integral

@@ -39,7 +39,7 @@ class Kind(enum.StrEnum):
     CONTROLLER = "controller"  # a controller file
     LEARNED = "learned"  # the folder of a learned policy
     TUNED = "tuned"  # a law with the parameters in a folder of `fuzzyarm tune`
-    SHIELD = "shield"  # a law with a guest, see `fuzzy_policy.laws.shield`; `CODE` where the guest is code
+    SHIELD = "shield"  # a law with a guest, see `fuzzy_policy.laws.guest`; `CODE` where the guest is code
     CODE = "code"  # the user's own code, ``package.module:factory``, or a foreign model, see `FOREIGN`
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.fuzzy_policy.laws.guest import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
-from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies._user_code import UserPolicy, load_code
 from fuzzyarm.policies.registry import foreign

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.policy import Policy
-    from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+    from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
     from fuzzyarm.policies._user_code import UserPolicy
 
 __all__ = [

@@ -32,7 +32,7 @@ from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import SETS, BallPlant, PlantSet, check_set_name, exactly
 from fuzzyarm.proof.tip.sampled_law import SampledLaw
-from fuzzyarm.proof.tip.tube import Problem, Step, Tube
+from fuzzyarm.proof.tip.tube import Problem, Tube, TubeStep
 from fuzzyarm.proof.tip.zonotope import SOURCES
 
 __all__ = [
@@ -147,7 +147,7 @@ class _Lap:
     whole: np.ndarray  # the same at every instant of each control step [m]
     # for each entry of `tip`, the parts due to each of `SOURCES`, the uncertain constants and the centre [m]
     sources: np.ndarray
-    steps: tuple[Step, ...]  # the tube; empty if it was not kept
+    steps: tuple[TubeStep, ...]  # the tube; empty if it was not kept
     begin: LapSet | None = None  # set in which a later lap begins
 
 
@@ -338,7 +338,7 @@ def find_bound(
 
 def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> _Lap:
     """Return the bound of a lap; `NoBound` with a message that begins with `name`."""
-    steps: list[Step] = []
+    steps: list[TubeStep] = []
     try:
         with np.errstate(all="ignore"):  # values that overflow become inf or nan, which fail every check
             for step in tube:

@@ -67,12 +67,12 @@ from fuzzyarm.policies.tip_bound import (
 )
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
-from fuzzyarm.proof.tip.friction import Plan
+from fuzzyarm.proof.tip.friction_bounds import Plan
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import RANGES, SETS, PlantSet, check_set_name
-from fuzzyarm.proof.tip.transition import Layout, layout
-from fuzzyarm.proof.tip.tube import Step
+from fuzzyarm.proof.tip.transition import StateLayout, layout
+from fuzzyarm.proof.tip.tube import TubeStep
 
 __all__ = ["BoundCheck", "CellBound", "check_bound", "is_bound", "save_bound", "save_cells"]
 
@@ -133,7 +133,7 @@ class _Begin:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Lap:
+class _LapDocument:
     """A later lap in the file."""
 
     begin: _Begin
@@ -192,7 +192,7 @@ class _Document(_Claimed):
     tip: list[float]
     whole: list[float]
     steps: list[list[_Part]]
-    later: list[_Lap]
+    later: list[_LapDocument]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,7 +254,7 @@ def save_bound(bound: TipBound, path: Path) -> None:
     """Write the file of a proven bound, atomically."""
     c, path = instance("bound", bound, TipBound).claim, path_of("path", path)
     later = [
-        _Lap(_Begin.of(lap.begin), lap.tip.tolist(), lap.whole.tolist(), _parts(lap.steps))
+        _LapDocument(_Begin.of(lap.begin), lap.tip.tolist(), lap.whole.tolist(), _parts(lap.steps))
         for lap in bound.later
         if lap.begin is not None
     ]
@@ -265,7 +265,7 @@ def save_bound(bound: TipBound, path: Path) -> None:
     write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
 
 
-def _parts(steps: Sequence[Step]) -> list[list[_Part]]:
+def _parts(steps: Sequence[TubeStep]) -> list[list[_Part]]:
     return [
         [
             _Part(
@@ -316,7 +316,7 @@ def check_bound(path: Path) -> BoundCheck:
     return (_check_cells if by_cells else _check_tube)(path, content)
 
 
-def _claimed(part: _Part, at: Layout) -> tuple[Segment, TubeClaim]:
+def _claimed(part: _Part, at: StateLayout) -> tuple[Segment, TubeClaim]:
     modes = tuple(Mode(m) for m in part.modes)
     plans = tuple(Plan(p) for p in part.plans)
     if len(modes) != at.joints or len(plans) != at.joints:
@@ -337,7 +337,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
             raise ValueError(f"policy {document.policy} was changed after the proof; run fuzzyarm prove again")
         policy = load_policy(without_guest(claim.policy)[0], control_period=PERIOD, robot=claim.arm)
         physics = equations_of(policy.parameters)
-        at, laps = layout(physics.joints, physics.axes), list[_Document | _Lap]((document, *document.later))
+        at, laps = layout(physics.joints, physics.axes), list[_Document | _LapDocument]((document, *document.later))
         begins = [None, *(lap.begin.checked() for lap in document.later)]
         claims = [
             LapClaim([[_claimed(part, at) for part in step] for step in lap.steps], begin)
@@ -363,7 +363,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
     return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, seconds, bounds[0][0])
 
 
-def _claimed_bounds(lap: _Document | _Lap) -> np.ndarray:
+def _claimed_bounds(lap: _Document | _LapDocument) -> np.ndarray:
     """Return a lap's claimed tip errors at samples and during steps (2, samples) [m], with a margin for rounding."""
     return finite_array("tip, whole", [lap.tip, lap.whole], (2, len(lap.tip)), largest=_LARGEST) * _ROUNDING
 

@@ -38,7 +38,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.scheduled import TWIST, Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import TWIST, Premise, ScheduledController
 from fuzzyarm.proof.box_cover import BASIS, TrigMatrix
 from fuzzyarm.proof.definiteness import exact, stated
 

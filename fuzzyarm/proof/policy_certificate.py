@@ -15,7 +15,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import FORM, ScheduledController
 from fuzzyarm.proof.certificate import PROVEN, certify, controller_statement
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, scheduled_statement
 

@@ -13,7 +13,7 @@ from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController, load_controller
+from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController, load_controller
 from fuzzyarm.proof._residual import Residual, feedforward_residual
 from fuzzyarm.proof.certificate import Certificate, certify
 from fuzzyarm.proof.invariant_set import InvariantSet, invariant_set

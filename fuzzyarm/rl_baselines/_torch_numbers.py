@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fuzzyarm.numbers.functions import KINDS
 
-__all__ = ["Angle", "Table", "Word"]
+__all__ = ["Angle", "TorchTable", "TorchWord"]
 
 
 class Angle:
@@ -73,7 +73,7 @@ class Angle:
         return self.value.cos()
 
 
-class Table:
+class TorchTable:
     """A table of numbers (rows, columns) that is looked up lane by lane, in the dtype and on the device of `like`.
 
     A column of equal values is a constant to the compiler.
@@ -103,7 +103,7 @@ class Table:
         return self.tensor.new_full((), value)
 
 
-class Word:
+class TorchWord:
     """Unsigned 64-bit words for `fuzzyarm.envs.batch.randomness`, since torch has no arithmetic for its uint64.
 
     The words are stored as int64, which computes like uint64 except for shifts. `bits` has the shape (lanes,); `dtype`
@@ -113,22 +113,22 @@ class Word:
     def __init__(self, bits: Tensor, dtype: torch.dtype) -> None:
         self.bits, self.dtype = bits, dtype
 
-    def __add__(self, other: Any) -> Word:
-        return Word(self.bits + _bits(other), self.dtype)
+    def __add__(self, other: Any) -> TorchWord:
+        return TorchWord(self.bits + _bits(other), self.dtype)
 
-    def __mul__(self, other: Any) -> Word:
-        return Word(self.bits * _bits(other), self.dtype)
+    def __mul__(self, other: Any) -> TorchWord:
+        return TorchWord(self.bits * _bits(other), self.dtype)
 
-    def __xor__(self, other: Any) -> Word:
-        return Word(self.bits ^ _bits(other), self.dtype)
+    def __xor__(self, other: Any) -> TorchWord:
+        return TorchWord(self.bits ^ _bits(other), self.dtype)
 
-    def __rshift__(self, places: int) -> Word:
-        return Word((self.bits >> places) & ((1 << (64 - places)) - 1), self.dtype)
+    def __rshift__(self, places: int) -> TorchWord:
+        return TorchWord((self.bits >> places) & ((1 << (64 - places)) - 1), self.dtype)
 
 
 def _bits(other: Any) -> Any:
     """Return the bits of words as int64, or a Python integer modulo 2^64, shifted into the range of int64."""
-    return other.bits if isinstance(other, Word) else (other + 2**63) % 2**64 - 2**63
+    return other.bits if isinstance(other, TorchWord) else (other + 2**63) % 2**64 - 2**63
 
 
 class _Tensors:
@@ -148,18 +148,18 @@ class _Tensors:
         return x.floor()
 
     @staticmethod
-    def whole(x: Tensor) -> Word:
-        return Word(x.to(torch.int64), torch.float64)
+    def whole(x: Tensor) -> TorchWord:
+        return TorchWord(x.to(torch.int64), torch.float64)
 
 
 class _Words:
     """The functions of `numbers.functions` for words."""
 
     @staticmethod
-    def number(of: Word) -> Tensor:
+    def number(of: TorchWord) -> Tensor:
         """Return a word below 2^53 as a number; in float32 only its first 24 bits, since rounding might give 2^53."""
         exact = of.bits if of.dtype == torch.float64 else of.bits & -(1 << 29)
         return exact.to(of.dtype)
 
 
-KINDS[Tensor], KINDS[Word] = _Tensors, _Words
+KINDS[Tensor], KINDS[TorchWord] = _Tensors, _Words

@@ -22,10 +22,10 @@ from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.records import Physics, flat, places, size
 from fuzzyarm.envs.task import Termination, clipped
 from fuzzyarm.numbers.functions import like, select
-from fuzzyarm.rl_baselines._torch_numbers import Angle, Table, Word
+from fuzzyarm.rl_baselines._torch_numbers import Angle, TorchTable, TorchWord
 
 __all__ = [
-    "Equations", "Lanes", "Outcome", "Shared", "advance", "begin", "by_step", "drawn", "following", "observed",
+    "Equations", "LaneData", "Outcome", "Shared", "advance", "begin", "by_step", "drawn", "following", "observed",
     "stacked", "write",
 ]  # fmt: skip
 
@@ -33,7 +33,7 @@ __all__ = [
 _LOST = int(Termination.LOST)
 
 
-class Lanes(NamedTuple):
+class LaneData(NamedTuple):
     """The data of the lanes between steps, of shape (n,) each; everything else follows from them.
 
     `numbers` are the entries of the state, in float32 followed by the rounding errors of the angles; `key` is the key
@@ -79,9 +79,9 @@ class Shared:
     ranges: tuple[tuple[float, float], ...]  # low and high of every entry of `draw_record`
     period: float  # control period [s]
     substeps: int  # in a control period
-    spans: Table  # (schedules, 2), first row in `rows` and number of steps
-    starts: Table  # (schedules, size of `reference_record`), the reference at the start
-    rows: Table  # (steps, size of `row_record`), the schedules one after another, see `by_step`
+    spans: TorchTable  # (schedules, 2), first row in `rows` and number of steps
+    starts: TorchTable  # (schedules, size of `reference_record`), the reference at the start
+    rows: TorchTable  # (steps, size of `row_record`), the schedules one after another, see `by_step`
     early_end: float  # tip error [m] beyond which an episode ends
 
     def nominal(self) -> Any:
@@ -89,14 +89,14 @@ class Shared:
         return _tensors(self.plant, self.rows)
 
 
-def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
+def advance(shared: Shared, lanes: LaneData, action: Tensor) -> Outcome:
     """Hold torques (joints, n) [N m] for one control step; change `lanes` in place and return the outcome."""
     new, outcome = following(shared, lanes, action)
     write(lanes, new)
     return outcome
 
 
-def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outcome]:
+def following(shared: Shared, lanes: LaneData, action: Tensor) -> tuple[LaneData, Outcome]:
     """Return the lanes after torques (joints, n) [N m] act for one control step, and the outcome; no side effects."""
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
@@ -117,7 +117,7 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     reached = like(reached, (select(sound, part, float("nan")) for part in flat(reached)))
     moved = assessed(physics, before, reached, asked, torque, bias, mean, row.target, arm, limits)
     found, dtype = moved.found, shared.rows.dtype
-    after = Lanes(_numbers(moved.state, dtype), lanes.key, lanes.step + 1)
+    after = LaneData(_numbers(moved.state, dtype), lanes.key, lanes.step + 1)
 
     reason = moved.reason.to(torch.int64)
     if shared.early_end < math.inf:
@@ -135,24 +135,24 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
         "reason": reason,
     }
     outcome = stacked(_where(ended, first, final)), found.reward.to(dtype), terminated, truncated, info
-    return Lanes(_where(ended, new.numbers, after.numbers), *_where(ended, new[1:], after[1:])), outcome
+    return LaneData(_where(ended, new.numbers, after.numbers), *_where(ended, new[1:], after[1:])), outcome
 
 
-def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
+def begin(shared: Shared, key: Tensor) -> tuple[LaneData, Any]:
     """Return the lanes in the episodes that follow those with keys (n,), and their first reference; shapes (n,) or ().
 
     They begin at rest; the motors hold the gravity torque of the nominal arm.
     """
-    equations, key, nominal = shared.equations, draw(Word(key, shared.rows.dtype), NEXT_KEY).bits, shared.nominal()
+    equations, key, nominal = shared.equations, draw(TorchWord(key, shared.rows.dtype), NEXT_KEY).bits, shared.nominal()
     now = drawn(shared, key)
     reference = equations.read_reference(shared.starts.at(now.reference.long()))
     link = [q + angle for q, angle in zip(reference.q, now.angle, strict=True)]
     still = torch.zeros_like(link[0])
     state = resting(equations.physics, nominal, equations.physics.PerJoint(*map(_angle, link)), still)
-    return Lanes(_numbers(state, shared.rows.dtype), key, torch.zeros_like(key)), reference
+    return LaneData(_numbers(state, shared.rows.dtype), key, torch.zeros_like(key)), reference
 
 
-def write(lanes: Lanes, new: Lanes) -> None:
+def write(lanes: LaneData, new: LaneData) -> None:
     """Overwrite `lanes` with `new`, in place."""
     for old, row in zip((*lanes.numbers, *lanes[1:]), (*new.numbers, *new[1:]), strict=True):
         old.copy_(row)
@@ -166,34 +166,34 @@ def _angle(value: Tensor, rest: Tensor | None = None) -> Any:
 
 
 def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
-    """Return the arm's state, for the equations, from the `numbers` of `Lanes`."""
+    """Return the arm's state, for the equations, from the `numbers` of `LaneData`."""
     angles, count = shared.equations.angles, shared.equations.numbers
     rests = numbers[count:] or (None,) * angles
     return shared.equations.read_state([*map(_angle, numbers[:angles], rests), *numbers[angles:count]])
 
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
-    """Return the `Lanes.numbers` of a state in `dtype`; a step may have widened them to torch's default dtype."""
+    """Return the `LaneData.numbers` of a state in `dtype`; a step may have widened them to torch's default dtype."""
     parts = flat(state)
     values = [part.value if isinstance(part, Angle) else part for part in parts]
     rests = [part.rest for part in parts if isinstance(part, Angle)]
     return tuple(part.to(dtype) for part in (*values, *rests))
 
 
-def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
+def observed(shared: Shared, lanes: LaneData, reference: Any) -> list[Tensor]:
     """Return the entries of the observations, tensors (n,): motor angles and velocities with noise, then references."""
     equations = shared.equations
     state, limits = equations.read_state(lanes.numbers[: equations.numbers]), equations.physics.limits(shared.nominal())
-    q, dq = equations.reading(state, limits, shared.noise, Word(lanes.key, shared.rows.dtype), lanes.step)
+    q, dq = equations.reading(state, limits, shared.noise, TorchWord(lanes.key, shared.rows.dtype), lanes.step)
     return [*q, *dq, *reference.q, *reference.dq, *reference.ddq]
 
 
 def drawn(shared: Shared, key: Tensor) -> Any:
     """Return the random quantities of the episodes with keys (n,) as a record; numbers are (n,), or () if fixed."""
-    return _tensors(shared.equations.drawn(Word(key, shared.rows.dtype), shared.ranges), shared.rows)
+    return _tensors(shared.equations.drawn(TorchWord(key, shared.rows.dtype), shared.ranges), shared.rows)
 
 
-def _tensors(numbers: Any, rows: Table) -> Any:
+def _tensors(numbers: Any, rows: TorchTable) -> Any:
     """Return a nested record with its Python numbers as tensors of shape ()."""
     parts = flat(numbers)
     return like(numbers, (part if isinstance(part, Tensor) else rows.number(part) for part in parts))

@@ -144,7 +144,7 @@ class EstimateConfig:
     """Chunks after which plants, loads and courses are drawn again."""
 
     def __post_init__(self) -> None:
-        from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import LARGEST_MEMORY  # this import loads the compiler
+        from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import LARGEST_MEMORY  # this import loads the compiler
 
         whole("seed", self.seed, high=2**31 - 1)
         most = {"hidden": LARGEST_MEMORY, "modulation": LARGEST_MEMORY, "lanes": 65_536, "replay": 1000}

@@ -34,12 +34,12 @@ from fuzzyarm.envs.scenario.default_reference import default_reference, referenc
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.spec import made_from_json
+from fuzzyarm.envs.spec_json import made_from_json
 from fuzzyarm.envs.task import Termination
 from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked_lanes
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
+from fuzzyarm.fuzzy_policy.laws.learned.features import FeatureLanes, Features, guided, learning_action
 from fuzzyarm.policies import load_policy
 from fuzzyarm.policies.spec import without_guest
 
@@ -124,7 +124,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         if named := law or self.action.base:
             base = load_policy(named, control_period=self.action.period, robot=arm)
         seen = Features(features, self.action.period, arm)
-        self._arms = Lanes(seen, guided(base, named, beside=bool(law)))
+        self._arms = FeatureLanes(seen, guided(base, named, beside=bool(law)))
         joints, size = joints_of(arm), seen.size + 3 * joints_of(arm) * len(preview)
         if len(self.action.scale) != joints:
             raise ValueError(f"scale = {list(self.action.scale)} must be {joints} numbers, one for each joint")

@@ -44,7 +44,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.rl_baselines import _torch_step as torch_step
-from fuzzyarm.rl_baselines._torch_numbers import Table
+from fuzzyarm.rl_baselines._torch_numbers import TorchTable
 from fuzzyarm.rl_baselines._torch_step import Equations, Outcome, Shared, by_step
 
 __all__ = ["TorchFuzzyArm"]
@@ -149,7 +149,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             # In float32 the state also contains the rest of each angle.
             count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
-            self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
+            self._lanes = torch_step.LaneData(tuple(numbers), zeros, zeros.clone())
         self._take: Any = torch_step.following if self.differentiable else torch_step.advance
         if compiled:
             self._take = _compile_step(self._take)
@@ -167,7 +167,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what pickle stores: the arguments, and the lanes without autograd graphs."""
-        lanes = torch_step.Lanes(tuple(one.detach() for one in self._lanes.numbers), *self._lanes[1:])
+        lanes = torch_step.LaneData(tuple(one.detach() for one in self._lanes.numbers), *self._lanes[1:])
         return {"arguments": self._arguments, "lanes": lanes, "begun": self._begun}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -232,7 +232,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     def detach(self) -> None:
         """Cut the graph: later gradients stop here. The state keeps its values."""
         numbers, key, step = self._lanes
-        self._lanes = torch_step.Lanes(tuple(number.detach().clone() for number in numbers), key.clone(), step.clone())
+        self._lanes = torch_step.LaneData(tuple(one.detach().clone() for one in numbers), key.clone(), step.clone())
 
     def _advance(self, torque: Tensor) -> Outcome:
         """Hold torques (joints, n) [N m] for one control period, and return the results of `step`."""
@@ -268,10 +268,10 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges(physics.joints)),
             period=self.control_period,
             substeps=self.substeps,
-            spans=Table(np.stack([np.cumsum(steps) - steps, steps], axis=-1), like.to(torch.int64)),
-            starts=Table(np.array([one.references[0] for one in built]), like),
+            spans=TorchTable(np.stack([np.cumsum(steps) - steps, steps], axis=-1), like.to(torch.int64)),
+            starts=TorchTable(np.array([one.references[0] for one in built]), like),
             # In each row, what acts during a step and what the arm is compared with after it.
-            rows=Table(np.concatenate([by_step(one) for one in built]), like),
+            rows=TorchTable(np.concatenate([by_step(one) for one in built]), like),
             early_end=self.early_end,
         )
 

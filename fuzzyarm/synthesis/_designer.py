@@ -19,7 +19,7 @@ from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.certificate import Certificate, certify
 from fuzzyarm.synthesis._design_problem import DesignProblem, NoPoint, Point
-from fuzzyarm.synthesis._search import best_point, why_infeasible
+from fuzzyarm.synthesis._feasibility import best_point, why_infeasible
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
 __all__ = ["Design", "DesignFailed", "describe", "design", "solved", "to_controller"]

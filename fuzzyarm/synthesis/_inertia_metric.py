@@ -23,13 +23,13 @@ from scipy import sparse
 
 from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, TWIST, Premise, rule_weights, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled_controller import FUNCTIONS, TWIST, Premise, rule_weights, speeds_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import angle_ranges, inertia_polynomial, plus, scheduled_polynomial
 from fuzzyarm.synthesis._scalar_design import smallest_pole
 
-__all__ = ["Metric", "best_premise", "fitted_metric", "relative"]
+__all__ = ["InertiaMetric", "best_premise", "fitted_metric", "relative"]
 
 
 def _svec(matrix: np.ndarray) -> np.ndarray:
@@ -379,7 +379,7 @@ _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 
 @dataclasses.dataclass(frozen=True)
-class Metric:
+class InertiaMetric:
     """Proposed bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
 
     premises: tuple[Premise, ...]  # the kept premises
@@ -392,7 +392,7 @@ class Metric:
     rates: np.ndarray  # μ_k at these angles, (premises,)
 
 
-def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, count: int) -> Metric:
+def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, count: int) -> InertiaMetric:
     """Return the metric found for premises and a decay rate α [1/s] from `count` samples.
 
     Its κ and (3κ - 2)(α + μ) are no larger than those for only the first of the premises.
@@ -431,7 +431,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
         -0.5 * _smallest_value(lambda q, s=slope: -np.abs(relative(s.at(q), scheduled.at(q))).max(axis=1), near)  # type: ignore[misc]
         for slope in (scheduled.derivative(premise.joint - 1) for premise in premises)
     ]
-    return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
+    return InertiaMetric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
 
 
 def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count: int) -> Premise:

@@ -16,11 +16,11 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
-from fuzzyarm.fuzzy_policy.scheduled import MOST_PREMISES, Premise, ScheduledController, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled_controller import MOST_PREMISES, Premise, ScheduledController, speeds_of
 from fuzzyarm.proof.certificate import Certificate
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.synthesis._designer import DesignFailed
-from fuzzyarm.synthesis._inertia_metric import Metric, best_premise, fitted_metric
+from fuzzyarm.synthesis._inertia_metric import InertiaMetric, best_premise, fitted_metric
 from fuzzyarm.synthesis._scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 from fuzzyarm.synthesis.specification import ALPHAS
 
@@ -135,7 +135,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
 
 
 def _chosen(
-    specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float
+    specification: ScheduledSpecification, robot: Robot, metric: InertiaMetric, widening: float
 ) -> ScheduledController:
     """Return the controller with the specified decay rate or, without one, with the largest rate that has margins."""
     if specification.alpha is not None:
@@ -155,7 +155,7 @@ def _chosen(
 
 
 def _controller(
-    specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float, alpha: float
+    specification: ScheduledSpecification, robot: Robot, metric: InertiaMetric, widening: float, alpha: float
 ) -> ScheduledController:
     """Return the controller for a decay rate α [1/s] and a metric with bounds widened by the fraction `widening`."""
     inertia = (1.0 - widening) * metric.inertia

@@ -38,7 +38,7 @@ from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning import _finding as finding
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
-from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 from fuzzyarm.identification.excitation import _Excitation as Excitation
 from fuzzyarm.identification.excitation import rehearsed

@@ -23,7 +23,7 @@ from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.scheduled import load_controller
+from fuzzyarm.fuzzy_policy.scheduled_controller import load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.policies.tip_files import check_bound

@@ -156,7 +156,7 @@ def _stand_ins() -> None:
         def find(context: Any) -> Any:
             return search.Found(chosen, {}, {"nominal": 0.9}, 1)
 
-        return steps.Step(policy, 1, find)
+        return steps.TuningStep(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
     linearisation.POSTURES = 2

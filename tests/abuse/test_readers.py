@@ -42,7 +42,7 @@ from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.run import _digest_of as digest_of
 from fuzzyarm.eval.tuning._finding import read_finding
-from fuzzyarm.fuzzy_policy.scheduled import load_controller
+from fuzzyarm.fuzzy_policy.scheduled_controller import load_controller
 from fuzzyarm.identification.reading import read_log
 from fuzzyarm.policies.registry import LAWS
 from fuzzyarm.policies.tip_files import check_bound

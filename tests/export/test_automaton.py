@@ -9,7 +9,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.event_integrator import _Plant
+from fuzzyarm.envs.physics.event_integrator import _ModePlant
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.export.automaton import _STATES, export_automaton
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
@@ -45,7 +45,7 @@ def drawn(rng):
 
     parts = {name: scaled(name, name) for name in FACTORS[:-1]} | {"inertia": scaled("inertia", "mass")}
     parts |= {name: scaled(name, "dry_friction") for name in ("static_friction", "coulomb_friction")}
-    plant = _Plant(ArmParameters(**parts), Payload(carried), torque, lambda time: (0.0, 0.0))
+    plant = _ModePlant(ArmParameters(**parts), Payload(carried), torque, lambda time: (0.0, 0.0))
     return plant, values | {"payload": carried, "u1": torque[0], "u2": torque[1], "s": 5e-4}
 
 

@@ -28,7 +28,7 @@ from fuzzyarm.numbers.functions import (
     whole,
     word,
 )
-from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
+from fuzzyarm.numbers.machine import WIDE, Kernel, PortLayout
 from fuzzyarm.numbers.program import Program
 
 TABLE = np.arange(15.0).reshape(5, 3) ** 2
@@ -98,7 +98,7 @@ def test_layouts_change_no_bit_and_no_neighbour(arms):
     rows, block = x.copy(), in_blocks(x.T)
     recorded()((rows, seen), np.array(SHARED), (TABLE,))
     wide = np.full((4, arms + 5), 7.0)
-    recorded([Layout.BLOCKS, Layout.COLUMNS])((block, wide[:, :arms]), np.array(SHARED), (TABLE,))
+    recorded([PortLayout.BLOCKS, PortLayout.COLUMNS])((block, wide[:, :arms]), np.array(SHARED), (TABLE,))
     assert same(by_rows(block, arms).T, rows)
     assert same(wide[:, :arms], seen.T) and (wide[:, arms:] == 7.0).all()
     apart = np.full((arms, 9), 7.0)

@@ -15,7 +15,7 @@ from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.features import FeatureLanes, Features, guided, learning_action  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.policies._onnx_model import OnnxPolicy  # noqa: E402
@@ -101,7 +101,7 @@ def test_a_model_that_only_unpickling_could_read_is_exported_by_the_code_of_the_
     observation = np.random.default_rng(0).normal(size=(4, 10))
     torque, _ = policy.predict(observation)
     seen = Features(learning_features(2), 2e-3)
-    features = Lanes(seen, guided(None)).see(observation, np.zeros((4, seen.memory_size)))
+    features = FeatureLanes(seen, guided(None)).see(observation, np.zeros((4, seen.memory_size)))
     action, _ = model.predict(features.astype(np.float32), deterministic=True)
     np.testing.assert_allclose(torque, action * [500.0, 250.0], rtol=1e-4, atol=1e-4)
 

@@ -14,7 +14,7 @@ from support.plain import scheduled_torque
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, load_controller
+from fuzzyarm.fuzzy_policy.scheduled_controller import Premise, ScheduledController, load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 from fuzzyarm.proof.box_cover import TrigMatrix

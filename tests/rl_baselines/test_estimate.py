@@ -27,7 +27,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, respond
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle, EstimateNetwork, respond
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
     GAP_SHARE,
     context_parts,
@@ -38,7 +38,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
 from fuzzyarm.rl_baselines.config import EstimateConfig
 from fuzzyarm.rl_baselines.estimate import _courses as courses_module
 from fuzzyarm.rl_baselines.estimate._courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
-from fuzzyarm.rl_baselines.estimate._driving import Drive
+from fuzzyarm.rl_baselines.estimate._driving import DrivenLanes
 from fuzzyarm.rl_baselines.estimate._teacher import Teacher
 from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
 from fuzzyarm.rl_baselines.estimate.training import _Student as Student
@@ -178,7 +178,7 @@ def test_the_same_seed_gives_the_same_network():
 def test_a_lane_whose_filter_has_diverged_teaches_nothing():
     training, generator = EstimateTraining(EstimateConfig(**SHORT)), np.random.default_rng(5)
     policy = training._policy
-    drive = Drive(draw_courses(ARM, 8, PERIOD, generator), policy, generator)
+    drive = DrivenLanes(draw_courses(ARM, 8, PERIOD, generator), policy, generator)
     drive.chunk(policy, 50)
     drive._memory[:, policy.filter] = np.nan
     drive._memory[:, policy.filter.start + FLAG.lost] = 1.0

@@ -27,7 +27,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
 from fuzzyarm.numbers.functions import whole
-from fuzzyarm.rl_baselines._torch_numbers import Angle, Word
+from fuzzyarm.rl_baselines._torch_numbers import Angle, TorchWord
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -130,7 +130,7 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
         expected = randomness.draw(keys, counter)
         fraction = randomness.uniform(keys, counter)
         normal = randomness.normal_pair(keys, counter)
-        exact, short = Word(key, torch.float64), Word(key, torch.float32)
+        exact, short = TorchWord(key, torch.float64), TorchWord(key, torch.float32)
         for given in (counter, whole(torch.full_like(key, counter))):
             assert_array_equal(randomness.draw(exact, given).bits.cpu().numpy().view(np.uint64), expected)
             assert_array_equal(randomness.uniform(exact, given).cpu().numpy(), fraction)

@@ -10,7 +10,7 @@ from safetensors.numpy import load, save
 
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel

@@ -22,7 +22,7 @@ from fuzzyarm.proof.certificate import certify
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design
 from fuzzyarm.synthesis import _designer as designer
 from fuzzyarm.synthesis._design_problem import NoPoint
-from fuzzyarm.synthesis._search import best_point
+from fuzzyarm.synthesis._feasibility import best_point
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 # None, one premise of each side, and two of one side and of both.

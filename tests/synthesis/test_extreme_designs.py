@@ -9,7 +9,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis import DesignFailed, Specification, design
-from fuzzyarm.synthesis import _search as search
+from fuzzyarm.synthesis import _feasibility as search
 
 
 @pytest.mark.parametrize("option", slow_but(["--gamma=1e30"], ["--gamma=1e30", "--alpha=1e-6", "--fastest-pole=1e6"]))

@@ -21,7 +21,7 @@ from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip import tube as tube_module
 from fuzzyarm.proof.tip.centre import Centre, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
-from fuzzyarm.proof.tip.friction import Plan, Speed
+from fuzzyarm.proof.tip.friction_bounds import Plan, Speed
 from fuzzyarm.proof.tip.laps import LapSet
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.tube import Problem, Tube

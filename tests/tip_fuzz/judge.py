@@ -15,7 +15,7 @@ from fuzzyarm.envs.physics.dynamics import tip_position
 from fuzzyarm.policies.tip_bound import PERIOD, LapClaim, TipClaim, find_bound, problem_of
 from fuzzyarm.policies.tip_files import check_bound, save_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
-from fuzzyarm.proof.tip.tube import Problem, Step, Tube
+from fuzzyarm.proof.tip.tube import Problem, Tube, TubeStep
 
 from .forge import Attack, Claims, drawn_attack, drawn_fine_attack, forged
 from .motions import Motion, even_stops, simulated
@@ -67,7 +67,7 @@ class Outcome:
 class _Accepted(NamedTuple):
     """A step of an accepted tube; at its end the columns (8, n) of the constants, and how far all else reaches (8,)."""
 
-    step: Step
+    step: TubeStep
     columns: np.ndarray
     others: np.ndarray
 
@@ -188,7 +188,7 @@ def _ratios(problem: Problem, accepted: list[_Accepted], sample: Sample, motion:
     return {"tip": tip, "tube": tube, "column": column}
 
 
-def _between_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
+def _between_ratio(problem: Problem, step: TubeStep, motion: Motion, k: int) -> float:
     """Return the largest ratio of a tip error at a node of a control step to the bound at every instant of it."""
     states = np.array([node.state for node in motion.nodes[k]])
     wanted = problem.reference.tip(k * PERIOD + np.array([node.time for node in motion.nodes[k]])).position
@@ -196,7 +196,7 @@ def _between_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> floa
     return float((np.linalg.norm(tips - wanted, axis=1).max() - TIP_ROUNDING) / step.whole)
 
 
-def _tube_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
+def _tube_ratio(problem: Problem, step: TubeStep, motion: Motion, k: int) -> float:
     """Return the largest ratio of a deviation to the tube in a control step, over all nodes and rows."""
     arm, nodes, largest, begun = problem.plant.middle, motion.nodes[k], 0.0, 0.0
     times = np.array([node.time for node in nodes])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.policies.tip_bound import TipClaim
-from fuzzyarm.proof.tip.friction import Friction
+from fuzzyarm.proof.tip.friction_bounds import Friction
 from fuzzyarm.proof.tip.laps import LapSet
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 

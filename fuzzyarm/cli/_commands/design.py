@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+    from fuzzyarm.fuzzy_policy.scheduled_controller import Premise, ScheduledController
     from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
 __all__ = ["Options"]
@@ -152,7 +152,7 @@ def _premise(text: str) -> Premise:
     """Return the premise variable that a text such as "cos q2" or "sin 2q3" names; UsageError for any other text."""
     import re
 
-    from fuzzyarm.fuzzy_policy.scheduled import Premise
+    from fuzzyarm.fuzzy_policy.scheduled_controller import Premise
 
     found = re.fullmatch(r"\s*(cos|sin)\s*(2?)q([1-9]\d?)\s*", text)
     if found is None or found[3] == "1":

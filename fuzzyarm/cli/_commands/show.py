@@ -55,7 +55,7 @@ class Options:
 def loaded(name: str, robot: str | None) -> Policy:
     """Load the policy `name` for a robot; without one, a controller file is loaded for the arm of its design."""
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.scheduled import load_controller
+    from fuzzyarm.fuzzy_policy.scheduled_controller import load_controller
     from fuzzyarm.policies import Kind, load_policy, resolve
 
     spec = resolve(name)

@@ -38,8 +38,8 @@ class Options:
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.eval.engine import Engine, WorkersLost
         from fuzzyarm.eval.stability.margins import print_margins
+        from fuzzyarm.eval.tuning.readme import decision
         from fuzzyarm.eval.tuning.run import NothingFound, begin, ranges_of, resumed_arm, tune
-        from fuzzyarm.eval.tuning.summary import decision
 
         engine = Engine(jobs=self.jobs)
         arm = chosen_arm(self.robot, None)

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.batch.layout import Clock, Results, Start, StepScalars, StepVectors, layout_of
+from fuzzyarm.envs.batch.layout import Clock, Start, StepResults, StepScalars, StepVectors, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.control_step import Given, Moved, assessed, begun, control_step, reading_of
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.records import Physics, filled, places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers.functions import bits, minimum, number, row, whole, word, zeros
-from fuzzyarm.numbers.machine import Kernel, Layout
+from fuzzyarm.numbers.machine import Kernel, PortLayout
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["Kernels", "kernels_of"]
@@ -41,7 +41,7 @@ class Kernels:
     def step(self) -> Kernel:
         """The kernel that holds torques in every lane for one control step.
 
-        The kernel's arrays are values, clock, commands (lanes, joints) [N m], observations and `Results` (entries,
+        The kernel's arrays are values, clock, commands (lanes, joints) [N m], observations and `StepResults` (entries,
         lanes). Its constants are control period [s], sub-step [s] and number of sub-steps; its table is the schedule.
         """
         physics, Row = self.layout.physics, self._row
@@ -69,8 +69,8 @@ class Kernels:
         """The kernel that begins an episode in every lane.
 
         The kernel's arrays are values, clock, the draws (entries, lanes), `Given` and the initial states (lanes,
-        entries), observations and `Results` (entries, lanes). Its constants are the ranges of the draws; its tables are
-        plants, starts and schedule.
+        entries), observations and `StepResults` (entries, lanes). Its constants are the ranges of the draws; its tables
+        are plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
@@ -113,7 +113,7 @@ class Kernels:
 
 
 _CLOCK = Clock(0.0, 0.0, 0.0, 0.0)
-_LAYOUTS = {"R": Layout.ROWS, "C": Layout.COLUMNS, "B": Layout.BLOCKS}
+_LAYOUTS = {"R": PortLayout.ROWS, "C": PortLayout.COLUMNS, "B": PortLayout.BLOCKS}
 
 
 def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[int, ...]], layouts: str) -> Kernel:
@@ -123,8 +123,8 @@ def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[in
     return Kernel(program, [_LAYOUTS[one] for one in layouts])
 
 
-def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> Results:
-    """Return the `Results` of a step that ends at a time [s]; `over` says whether the schedule is at its end."""
+def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> StepResults:
+    """Return the `StepResults` of a step that ends at a time [s]; `over` says whether the schedule is at its end."""
     found, state = moved.found, moved.state
     vectors = StepVectors(
         tip=found.tip,
@@ -144,7 +144,7 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
         truncated=1.0 * ((moved.reason == 0.0) & over),
         reason=moved.reason,
     )
-    return Results(vectors, scalars)
+    return StepResults(vectors, scalars)
 
 
 @functools.cache

@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch._kernels import kernels_of
-from fuzzyarm.envs.batch.layout import CLOCK, START, Clock, ResultsMemory, Room, by_rows, in_blocks
+from fuzzyarm.envs.batch.layout import CLOCK, START, Clock, ResultsMemory, StepRoom, by_rows, in_blocks
 from fuzzyarm.envs.batch.randomness import key_before, key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Assignment, Tables, distinct, tabulated
@@ -200,7 +200,7 @@ class Lanes:
         self._workers.run(self._step_in(room, action))
         return self.layout.split(room.array(), self.count)
 
-    def _step_in(self, room: Room, action: np.ndarray) -> Call:
+    def _step_in(self, room: StepRoom, action: np.ndarray) -> Call:
         """Return the kernel call that steps all lanes and writes their results into `room`."""
         lasting, kept = (self.values, self.clock, self.table), room.kept
         if kept is None or not all(map(operator.is_, lasting, kept[1:])):

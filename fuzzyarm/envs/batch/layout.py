@@ -4,7 +4,7 @@ values (blocks, entries of `Lane`, WIDE)  data of the lanes during their episode
 clock (entries of `Clock`, lanes)         current rows of the lanes in their schedules, and their random streams
 table (rows, entries of a row)            stacked schedules of all episodes, see `schedule`
 starts (schedules, entries of `Start`)    rows of each schedule, and initial data of its episode
-out                                       observations and `Results` of a step in one array, see `Layout.split`
+out                                       observations and `StepResults` of a step in one array, see `Layout.split`
 
 A `Layout` has the parts that depend on the equations, that is, on the numbers of joints and axes.
 """
@@ -23,8 +23,8 @@ from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Layout", "Noise", "Results", "ResultsMemory",
-    "Room", "Start", "StepScalars", "StepVectors", "by_rows", "in_blocks", "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Layout", "Noise", "ResultsMemory", "Start", "StepResults",
+    "StepRoom", "StepScalars", "StepVectors", "by_rows", "in_blocks", "layout_of",
 ]  # fmt: skip
 
 
@@ -83,7 +83,7 @@ StepVectors: Any = record_type("StepVectors", **dict.fromkeys(VECTORS, Any))
 StepScalars: Any = record_type("StepScalars", **dict.fromkeys(SCALARS, Any))
 
 
-class Results(NamedTuple):
+class StepResults(NamedTuple):
     """Results of a control step in addition to the observation."""
 
     vectors: Any  # `StepVectors`
@@ -104,7 +104,7 @@ class Layout:
     Attributes:
         Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
         LANE: index of each entry of `Lane`.
-        observed: length of an observation; `longest`: length of the longest vector; `reported`: size of `Results`.
+        observed: length of an observation; `longest`: length of the longest vector; `reported`: size of `StepResults`.
         parts: slice of each vector in the concatenation of all vectors.
     """
 
@@ -128,7 +128,7 @@ class Layout:
         return -(-self.observed * lanes // _LINE) * _LINE + self.reported * _apart(lanes)
 
     def arrays(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return observations (lanes, `observed`) and `Results` (`reported`, lanes), views of one array (`size`,)."""
+        """Return observations (lanes, `observed`) and `StepResults` (`reported`, lanes), both views of `out`."""
         observed, apart = self.observed * lanes, _apart(lanes)
         numbers = out[-self.reported * apart :].reshape(self.reported, apart)
         return out[:observed].reshape(lanes, self.observed), numbers[:, :lanes]
@@ -152,7 +152,7 @@ _LINE = 8  # numbers in a cache line
 
 
 def _apart(lanes: int) -> int:
-    """Return the distance between rows of `Results` in numbers: an odd number of cache lines, to keep rows cached."""
+    """Return the distance between rows of `StepResults` in numbers: an odd number of cache lines keeps rows cached."""
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 
@@ -166,7 +166,7 @@ _KEPT = 3  # rooms: a loop still holds the results of the last step while the ne
 _OWN = 2  # references to a free array: the one in its room, and the argument of `getrefcount`
 
 
-class Room:
+class StepRoom:
     """Memory for the results of one step; its user may store data in `kept`."""
 
     __slots__ = ("_array", "_first", "_stop", "kept")
@@ -184,21 +184,21 @@ class Room:
 
 
 class ResultsMemory:
-    """A pool of `Room` objects of one size.
+    """A pool of `StepRoom` objects of one size.
 
     The system zeroes new memory page by page at its first use, which takes a third of the step of a large batch. Every
     view of an array holds a reference to it, so an array without further references is free.
     """
 
     def __init__(self, size: int) -> None:
-        self._size, self._rooms = size, list[Room]()
+        self._size, self._rooms = size, list[StepRoom]()
 
-    def room(self) -> Room:
+    def room(self) -> StepRoom:
         """Return a room that is not in use."""
         for room in self._rooms:
             if sys.getrefcount(room._array) == _OWN:
                 return room
-        room = Room(self._size)
+        room = StepRoom(self._size)
         if len(self._rooms) < _KEPT:
             self._rooms.append(room)
         return room

@@ -30,7 +30,7 @@ _CHECKED_INSTANTS = 501  # evenly spaced instants at which a reference is checke
 _Item = TypeVar("_Item")
 
 
-class _Episode(NamedTuple):
+class _Plan(NamedTuple):
     """A reference, its schedule, and the initial data of an episode, whose row numbers `Tables` fills in."""
 
     reference: Reference
@@ -48,7 +48,7 @@ class Tables:
         table: (rows, entries of `Row`), the stacked schedules.
     """
 
-    def __init__(self, scenarios: Sequence[list[_Episode]]) -> None:
+    def __init__(self, scenarios: Sequence[list[_Plan]]) -> None:
         self.scenarios, self.episodes = list(scenarios), list(itertools.chain(*scenarios))
         self.firsts = np.cumsum([0, *map(len, scenarios[:-1])])
         self.table = np.concatenate([episode.schedule.table for episode in self.episodes])
@@ -177,7 +177,7 @@ def _tables(kinds: tuple[Scenario, ...], family: tuple[Reference, ...], control_
     return Tables([_episodes(one, family, control_period, axes) for one in kinds])
 
 
-def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Episode]:
+def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Plan]:
     """Return the episodes of a scenario, tabulated every `control_period` [s] with `axes` coordinates of the tip."""
     (disturbance, reference), given = scenario, scenario[0].encoder_noise
     mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
@@ -186,7 +186,7 @@ def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: f
     members = family if reference is None else (reference,)
     once = {id(one): one for one in members}
     schedules = {key: Schedule.build(one, disturbance, control_period, axes) for key, one in once.items()}
-    return [_Episode(one, schedules[id(one)], start) for one in members]
+    return [_Plan(one, schedules[id(one)], start) for one in members]
 
 
 def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:

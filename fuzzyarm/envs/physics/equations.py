@@ -21,7 +21,7 @@ from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.integrator import loaded_step, step
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.ranges import Ranges
-from fuzzyarm.envs.physics.records import VARIED, PerJoint, Physics, Point
+from fuzzyarm.envs.physics.records import VARIED, PerJoint, Physics, Point2
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 
 __all__ = [
@@ -34,7 +34,7 @@ _PAPER = "paper"  # name of the two-joint arm of Table 1 among the robots
 IN_FOLDER = "robot.toml"  # the file of the arm in a folder of `fuzzyarm tune`
 
 
-class _Bounds(NamedTuple):
+class _Ranges(NamedTuple):
     """Limits of an arm of n joints: lowest and highest angles [rad], speeds [rad/s] and torques [N m], each (n,)."""
 
     low: np.ndarray
@@ -52,12 +52,12 @@ def equations_of(arm: AnyArm) -> Physics:
     return physics_of(arm)
 
 
-def bounds_of(arm: AnyArm) -> _Bounds:
+def bounds_of(arm: AnyArm) -> _Ranges:
     """Return the limits of an arm, all of shape (joints,)."""
     physics = equations_of(arm)
     limits = physics.limits(physics.plant_of(arm))
     low, high = physics.angle_range(limits)
-    return _Bounds(*(np.array(part) for part in (low, high, limits.velocity, limits.torque)))
+    return _Ranges(*(np.array(part) for part in (low, high, limits.velocity, limits.torque)))
 
 
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
@@ -157,19 +157,19 @@ def two_joints() -> Physics:
     )  # fmt: skip
 
 
-def tip_point(angles: PerJoint, arm: Arm) -> Point:
+def tip_point(angles: PerJoint, arm: Arm) -> Point2:
     """Return the tip [m] of the two-joint arm at joint angles [rad], by equation (26)."""
     sin1, cos1, sin12, cos12 = _directions(angles)
-    return Point(arm.length1 * cos1 + arm.length2 * cos12, arm.length1 * sin1 + arm.length2 * sin12)
+    return Point2(arm.length1 * cos1 + arm.length2 * cos12, arm.length1 * sin1 + arm.length2 * sin12)
 
 
-def _tip_velocity(angles: PerJoint, rates: PerJoint, arm: Arm) -> Point:
+def _tip_velocity(angles: PerJoint, rates: PerJoint, arm: Arm) -> Point2:
     first, second = arm.length1 * rates.joint1, arm.length2 * (rates.joint1 + rates.joint2)
     sin1, cos1, sin12, cos12 = _directions(angles)
-    return Point(-sin1 * first - sin12 * second, cos1 * first + cos12 * second)
+    return Point2(-sin1 * first - sin12 * second, cos1 * first + cos12 * second)
 
 
-def _tip_load(angles: PerJoint, force: Point, arm: Arm) -> PerJoint:
+def _tip_load(angles: PerJoint, force: Point2, arm: Arm) -> PerJoint:
     return PerJoint(*dynamics.tip_force_torque(*_directions(angles), force.x, force.y, arm))
 
 

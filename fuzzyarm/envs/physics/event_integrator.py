@@ -69,7 +69,7 @@ def integrate(
         RuntimeError: the solver failed or found more than `_MAX_EVENTS` events; the message names time and state.
     """
     y = np.array(state, dtype=float)
-    plant = _Plant(parameters, payload, torque, force)
+    plant = _ModePlant(parameters, payload, torque, force)
     time, events, modes = start, 0, [plant.mode(joint, y) for joint in range(2)]
     while time < stop:
         if events > _MAX_EVENTS:
@@ -98,7 +98,7 @@ def integrate(
     return y
 
 
-class _Plant:
+class _ModePlant:
     """The right-hand side of the arm's equations, with a mode for each motor, while the torques are held.
 
     A mode is the sign of the motor's velocity, 0 for stick.

@@ -31,9 +31,9 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
-from fuzzyarm.envs.physics.records import PerJoint, Physics, Point, State, places, point, record_type
+from fuzzyarm.envs.physics.records import PerJoint, Physics, Point2, State, places, point, record_type
 from fuzzyarm.numbers.functions import apart, repeat, zeros
-from fuzzyarm.numbers.machine import Kernel, Layout
+from fuzzyarm.numbers.machine import Kernel, PortLayout
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["advanced", "force_line", "held_of", "hold_of", "loaded_step", "step"]
@@ -90,7 +90,7 @@ def _kick(
 
 
 @apart
-def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Any:
+def step(state: State, torque: PerJoint, force: Point2, arm: Arm, h: Any) -> Any:
     """Return the state of the two-joint arm one sub-step h [s] later, under motor torques [N m] and a tip force [N]."""
 
     def at(link: PerJoint) -> _Accelerations:
@@ -168,7 +168,7 @@ def hold_of(physics: Physics) -> Callable[..., None]:
         return advance(state, torque, *force, arm, *given), torque, force, arm
 
     program = Program(step, [zeros(places(kind)) for kind in kinds], (0.0, 0.0))
-    kernel = Kernel(program, [Layout.COLUMNS] * len(kinds))
+    kernel = Kernel(program, [PortLayout.COLUMNS] * len(kinds))
 
     def hold(
         state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarray, h: float, substeps: int

@@ -23,7 +23,7 @@ from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.numbers.functions import flat, like
 
 __all__ = [
-    "JOINTS", "VARIED", "PerJoint", "Physics", "Point", "State", "columns", "filled", "flat", "per_joint", "places",
+    "JOINTS", "VARIED", "PerJoint", "Physics", "Point2", "State", "columns", "filled", "flat", "per_joint", "places",
     "point", "record_type", "size", "state_record",
 ]  # fmt: skip
 
@@ -38,7 +38,7 @@ class PerJoint(NamedTuple):
 JOINTS = len(PerJoint._fields)  # number of joints of the paper's arm
 
 
-class Point(NamedTuple):
+class Point2(NamedTuple):
     """A vector in the plane of the two-joint arm, x down and y to the right; `point(3)` is the type for space."""
 
     x: Any
@@ -69,8 +69,8 @@ def per_joint(joints: int) -> Any:
 
 @functools.cache
 def point(axes: int) -> Any:
-    """Return the record type of a vector with 2 or 3 axes x, y, z; the same class on each call, `Point` for two."""
-    return Point if axes == len(Point._fields) else record_type("Point", **dict.fromkeys("xyz"[:axes], Any))
+    """Return the record type of a vector with 2 or 3 axes x, y, z; the same class on each call, `Point2` for two."""
+    return Point2 if axes == len(Point2._fields) else record_type("Point", **dict.fromkeys("xyz"[:axes], Any))
 
 
 @functools.cache

@@ -28,7 +28,7 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["Channel", "closed_loops"]
 
-_ROWS, _COLUMNS, _BLOCKS = machine.Layout
+_ROWS, _COLUMNS, _BLOCKS = machine.PortLayout
 
 
 class Channel(NamedTuple):
@@ -41,7 +41,7 @@ class Channel(NamedTuple):
     delay: np.ndarray  # (lanes,), delay of the torques in whole control periods
 
 
-class _Episode(NamedTuple):
+class _Scalars(NamedTuple):
     """The channel and the results of a lane, as scalars in the kernel."""
 
     running: Any  # 1 until the episode ends
@@ -64,7 +64,7 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None
     shapes = zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)  # hashable
     kernel = _kernel_of(layout, law.act, *shapes, policy.integral_at, depth, scaled)
-    episode = np.zeros((count, len(_Episode._fields)))
+    episode = np.zeros((count, len(_Scalars._fields)))
     episode[:, 0], episode[:, 2] = 1.0, channel.delay
     if channel.noise is not None:
         episode[:, 1] = channel.noise
@@ -74,7 +74,7 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
     constants = constants_array(law, limit, lanes.period / lanes.substeps, float(lanes.substeps))
     arrays, tables = (memory, values, clock, reading, sent, episode), (*law.tables, lanes.table)
     kernel(arrays, constants, tables, lanes.longest_episode)
-    found = _Episode(*episode.T)
+    found = _Scalars(*episode.T)
     if found.failed.any():
         return None
     errors = TipErrors(count)
@@ -101,7 +101,7 @@ def _kernel_of(
     reading_at = reading_of(physics)
 
     def step(
-        remembered: Any, lane: Any, clock: Clock, reading: Any, sent: Any, episode: _Episode, given: Any, *others: Any
+        remembered: Any, lane: Any, clock: Clock, reading: Any, sent: Any, episode: _Scalars, given: Any, *others: Any
     ) -> tuple[Any, ...]:
         of_law, limit, h, substeps = given
         *own, schedule = others
@@ -137,7 +137,7 @@ def _kernel_of(
         return remembered, lane._replace(state=state), clock, (q, dq), sent, episode
 
     nothing = PerJoint(*[0.0] * joints)
-    clock, episode = Clock(0.0, 0.0, 0.0, 0.0), _Episode(*[0.0] * len(_Episode._fields))
+    clock, episode = Clock(0.0, 0.0, 0.0, 0.0), _Scalars(*[0.0] * len(_Scalars._fields))
     ports = (memory, places(layout.Lane), clock, (nothing, nothing), (nothing,) * depth, episode)
     program = Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), (*tables, (0, size(Row))))
     return Kernel(program, (_ROWS, _BLOCKS, _COLUMNS, _ROWS, _ROWS, _ROWS), repeated=True)

@@ -19,7 +19,7 @@ from fuzzyarm.eval.episodes._beliefs import NO_BELIEFS, Believing
 from fuzzyarm.eval.episodes.loop import Step, episodes
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Predictor
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
 from fuzzyarm.policies import load_policy, resolve
 
 __all__ = ["Rollout", "record_passes", "record_rollout", "rollout_of", "run_episode"]

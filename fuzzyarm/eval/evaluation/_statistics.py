@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
-__all__ = ["LEVEL", "SEED", "Estimate", "estimate", "interquartile_mean"]
+__all__ = ["LEVEL", "SEED", "MeanInterval", "estimate", "interquartile_mean"]
 
 LEVEL, _RESAMPLES = 0.95, 9999
 """Confidence level of the interval, and number of bootstrap samples."""
@@ -20,7 +20,7 @@ SEED = 0
 """Seed of the resampling, fixed: the same values give the same interval."""
 
 
-class Estimate(NamedTuple):
+class MeanInterval(NamedTuple):
     """A mean and its confidence interval, in the unit of the values; both ends are None where there is no interval."""
 
     mean: float
@@ -36,7 +36,7 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 
-def estimate(values: Sequence[float]) -> Estimate:
+def estimate(values: Sequence[float]) -> MeanInterval:
     """Return the interquartile mean of finite values, one per run, and its bootstrap interval of 95 % for two or more.
 
     The interval spans the 2.5 % to 97.5 % percentiles of the means of `_RESAMPLES` samples drawn with replacement. It
@@ -46,7 +46,7 @@ def estimate(values: Sequence[float]) -> Estimate:
     numbers = np.asarray(values, dtype=float)
     mean = float(interquartile_mean(numbers))
     if len(numbers) == 1:
-        return Estimate(mean, None, None)
+        return MeanInterval(mean, None, None)
     # The corrections of the default method, BCa, are undefined for equal values; plain percentiles are not.
     found = bootstrap(
         (numbers,),
@@ -56,4 +56,4 @@ def estimate(values: Sequence[float]) -> Estimate:
         method="percentile",
         rng=np.random.default_rng(SEED),
     ).confidence_interval
-    return Estimate(mean, float(found.low), float(found.high))
+    return MeanInterval(mean, float(found.low), float(found.high))

@@ -26,7 +26,7 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
-from fuzzyarm.eval.evaluation._statistics import Estimate, estimate, interquartile_mean
+from fuzzyarm.eval.evaluation._statistics import MeanInterval, estimate, interquartile_mean
 from fuzzyarm.eval.evaluation.results_file import conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import Evaluation
 from fuzzyarm.policies.declared import Declared
@@ -43,7 +43,7 @@ class Standing:
 
     policy: str  # its label
     source: str  # the file that contains it
-    score: Estimate | None  # see the module [mm]; None if the path was lost
+    score: MeanInterval | None  # see the module [mm]; None if the path was lost
     rms: dict[str, float | None]  # interquartile mean over seeds of the rms tip error by case [mm]; None where lost
     lost: int  # number of episodes in which the path was lost
     episodes: int  # number of episodes
@@ -203,7 +203,7 @@ def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) 
     ]
 
 
-def shown(score: Estimate) -> str:
+def shown(score: MeanInterval) -> str:
     """Return a score [mm] with its interval, if it has one."""
     mean, low, high = score
     return millimetres(mean) + ("" if low is None or high is None else f" ({millimetres(low)} to {millimetres(high)})")
@@ -245,7 +245,7 @@ def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
 
 def _plain(value: Any) -> Any:
     """Return named tuples as mappings, and numbers that JSON lacks as None."""
-    if isinstance(value, Estimate | Declared):
+    if isinstance(value, MeanInterval | Declared):
         return _plain(value._asdict())
     if isinstance(value, dict):
         return {name: _plain(one) for name, one in value.items()}

@@ -99,7 +99,7 @@ class _Bounds:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Document:
+class _ResultsDocument:
     """The keys of ``results.json`` and the types of their values."""
 
     schema: str
@@ -126,7 +126,7 @@ def read_results(path: Path) -> Results:
 
 
 def _from_document(path: Path, document: dict[str, Any]) -> Results:
-    read = record(document, _Document)
+    read = record(document, _ResultsDocument)
     config, rows = read.config, read.results
     labels = [resolve(name).label for name in config.policies]
     if "fuzzyarm" not in read.versions:

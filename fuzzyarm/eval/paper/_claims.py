@@ -16,11 +16,11 @@ from typing import Any, Literal
 
 from fuzzyarm.eval.paper.evidence import Evidence
 
-__all__ = ["CLAIMS", "Claim"]
+__all__ = ["CLAIMS", "PaperNumber"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Claim:
+class PaperNumber:
     """A number of the paper, or several numbers of one kind.
 
     Our value may drift from the stored one by relative * |stored| + absolute. Numbers without simulation are equal on
@@ -72,7 +72,7 @@ class Claim:
 
 _FILE: dict[str, Any] = json.loads(resources.files(__package__).joinpath("claims.json").read_text(encoding="utf-8"))
 CLAIMS = tuple(
-    Claim(**entry | {"reason": _FILE["reasons"].get(entry.get("reason"), ""), "group": group})
+    PaperNumber(**entry | {"reason": _FILE["reasons"].get(entry.get("reason"), ""), "group": group})
     for group in ("statements", "table_2", "rollouts")
     for entry in _FILE[group]
 )

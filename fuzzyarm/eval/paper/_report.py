@@ -18,7 +18,7 @@ from rich.console import Console
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.paper._claims import CLAIMS, Claim
+from fuzzyarm.eval.paper._claims import CLAIMS, PaperNumber
 from fuzzyarm.eval.paper.evidence import TITLES, Evidence
 from fuzzyarm.eval.provenance import current_provenance, json_text
 
@@ -60,7 +60,7 @@ def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path)
 class _Value:
     """One of our numbers; as text, it states its name, both values and the allowed difference."""
 
-    claim: Claim
+    claim: PaperNumber
     label: str
     measured: float | None  # now; None for a number that no longer exists
     stored: float | None  # None for a new number
@@ -86,7 +86,7 @@ class _Value:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Comparison:
+class _Values:
     """Our value of every claim and the stored one, by claim and label."""
 
     measured: _Numbers
@@ -97,7 +97,7 @@ class _Comparison:
     def values(self) -> Sequence[_Value]:
         """Every number, in the order of the claims; numbers of claims that no longer exist come last."""
         keys = {claim.key for claim in CLAIMS}
-        gone = [Claim(key, "", "", "", "-", None, "") for key in self.stored if key not in keys]
+        gone = [PaperNumber(key, "", "", "", "-", None, "") for key in self.stored if key not in keys]
         found = []
         for claim in (*CLAIMS, *gone):
             now, then = (numbers.get(claim.key, {}) for numbers in (self.measured, self.stored))
@@ -124,10 +124,10 @@ class _Comparison:
         return {"schema": "fuzzyarm-paper/1", **self.made_with, "claims": list(claims.values())}
 
 
-def compare(evidence: Evidence, stored: _Numbers | None) -> _Comparison:
+def compare(evidence: Evidence, stored: _Numbers | None) -> _Values:
     """Measure the numbers of every claim and compare them with the stored ones; with themselves if `stored` is None."""
     measured = {claim.key: claim.measured(evidence) for claim in CLAIMS}
-    return _Comparison(measured, measured if stored is None else stored, current_provenance())
+    return _Values(measured, measured if stored is None else stored, current_provenance())
 
 
 # The numbers of the reasons, which count from 1 in the order of the claims.
@@ -141,7 +141,7 @@ _LEGEND = (
 )
 
 
-def _outcome(comparison: _Comparison) -> list[str]:
+def _outcome(comparison: _Values) -> list[str]:
     """Return two sentences: how many numbers drifted, which sets the exit code, and how many agree with the paper."""
     judged = [value for value in comparison.values if value.agrees is not None]
     others = dict.fromkeys(value.claim.key for value in judged if not value.agrees)
@@ -153,7 +153,7 @@ def _outcome(comparison: _Comparison) -> list[str]:
     ]
 
 
-def print_report(comparison: _Comparison, console: Console) -> None:
+def print_report(comparison: _Values, console: Console) -> None:
     """Print the tables of the claims, the reasons for differences, and how many numbers have drifted or agree."""
     for sheet in _tables(comparison):
         sheet.print(console)
@@ -162,7 +162,7 @@ def print_report(comparison: _Comparison, console: Console) -> None:
         console.print(line, highlight=False, markup=False)
 
 
-def _tables(comparison: _Comparison) -> list[Sheet]:
+def _tables(comparison: _Values) -> list[Sheet]:
     """Return a table for each group of claims; each label is a column, except in the table of statements."""
     sheets = []
     for group, title in _GROUPS.items():
@@ -175,7 +175,7 @@ def _tables(comparison: _Comparison) -> list[Sheet]:
     return sheets
 
 
-def _row(claim: Claim, values: Mapping[str, float], together: bool) -> list[str]:
+def _row(claim: PaperNumber, values: Mapping[str, float], together: bool) -> list[str]:
     """Return the cells of a claim's row, with all our values in one cell if `together`, else with one cell for each."""
     ours = {label: _number(value) + "*" * bool(claim.agrees(label, value)) for label, value in values.items()}
     papers = dict.fromkeys(map(claim.papers_number, values))
@@ -194,7 +194,7 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 
-def write_report(comparison: _Comparison, figures: Sequence[Path], folder: Path) -> list[Path]:
+def write_report(comparison: _Values, figures: Sequence[Path], folder: Path) -> list[Path]:
     """Write ``paper.md``, with the figures if there are any, and ``paper.json``; return their paths."""
     lines = ["# The paper's numbers, recomputed", ""]
     for sheet in _tables(comparison):

@@ -23,7 +23,7 @@ from fuzzyarm.eval.episodes.metrics import LOST
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
-from fuzzyarm.eval.report._beliefs import belief_section
+from fuzzyarm.eval.report._belief_charts import belief_section
 from fuzzyarm.eval.report._payload import replay_data
 from fuzzyarm.eval.report._summary import declared_table, error_charts, metrics_table
 from fuzzyarm.eval.report.certificates import checked_bounds, statements, tube_section

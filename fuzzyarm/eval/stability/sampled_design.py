@@ -9,7 +9,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability._linearisation import Linearisable, largest_radius, linearise_path
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
 from fuzzyarm.policies import load_policy
 from fuzzyarm.synthesis import Design, DesignFailed, Specification, design
 from fuzzyarm.synthesis.specification import gamma_for

@@ -25,7 +25,7 @@ from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres, ranked
-from fuzzyarm.eval.evaluation._statistics import Estimate
+from fuzzyarm.eval.evaluation._statistics import MeanInterval
 from fuzzyarm.eval.evaluation.ranking import Leaderboard, check_comparable, other_cells, other_headings, shown
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY
 from fuzzyarm.policies.declared import Declared
@@ -41,7 +41,7 @@ class _PlantStanding:
 
     policy: str  # its label
     source: str  # the file that contains it
-    score: Estimate | None  # see the module [mm]; None if too many episodes ended early
+    score: MeanInterval | None  # see the module [mm]; None if too many episodes ended early
     cases: dict[str, float | None]  # the 99 % quantile of each case [mm], by its name; None as for `score`
     ended_early: int  # number of episodes
     plants: int  # number in each case
@@ -146,9 +146,11 @@ def _ends(quantile: dict[str, Any]) -> list[float]:
     return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
 
 
-def _largest(found: Sequence[Sequence[float]]) -> Estimate | None:
+def _largest(found: Sequence[Sequence[float]]) -> MeanInterval | None:
     """Return the largest quantile of the cases, with the largest ends of their intervals; None if it is infinite."""
     value, low, high = map(max, zip(*found, strict=True))
     if value == math.inf:
         return None
-    return Estimate(value, low, high) if low < math.inf else Estimate(value, None, None)  # a single plant: no interval
+    return (
+        MeanInterval(value, low, high) if low < math.inf else MeanInterval(value, None, None)
+    )  # a single plant: no interval

@@ -36,12 +36,12 @@ from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELAST
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 from fuzzyarm.synthesis.specification import ALPHAS
 
-__all__ = ["Step", "steps_for"]
+__all__ = ["TuningStep", "steps_for"]
 
 _RULES: dict[str, dict[str, str]] = json.loads(resources.files(__package__).joinpath("rules.json").read_text("utf-8"))
 
 
-class Step(NamedTuple):
+class TuningStep(NamedTuple):
     """A step that finds a policy's parameters by the rule for its arm; `total` is the known number of candidates."""
 
     policy: str
@@ -62,20 +62,20 @@ class Step(NamedTuple):
 _UNTUNED = "It is not tuned for robots: under its own name, it already uses softened weights of Table 1."
 
 
-def steps_for(arm: AnyArm) -> tuple[Step, ...]:
+def steps_for(arm: AnyArm) -> tuple[TuningStep, ...]:
     """Return the steps of tuning an arm, in their order."""
     if isinstance(arm, ArmParameters):
         return (
-            Step(FUZZY, GRID, find_gains),
-            Step(COMPUTED_TORQUE, len(_BANDWIDTHS), _find_bandwidth),
-            Step(ELASTIC_OBSERVER, OBSERVER_SEARCH.total, find_observer),
-            Step(ADAPTIVE_OBSERVER, ADAPTIVE_SEARCH.total, find_adaptive),
+            TuningStep(FUZZY, GRID, find_gains),
+            TuningStep(COMPUTED_TORQUE, len(_BANDWIDTHS), _find_bandwidth),
+            TuningStep(ELASTIC_OBSERVER, OBSERVER_SEARCH.total, find_observer),
+            TuningStep(ADAPTIVE_OBSERVER, ADAPTIVE_SEARCH.total, find_adaptive),
         )
     return (
-        Step(FUZZY, 1, _robot_gains),
-        Step(COMPUTED_TORQUE, 1, _robot_bandwidth),
-        Step(ELASTIC_OBSERVER, 1, _robot_observer),
-        Step(ADAPTIVE_OBSERVER, 1, lambda context: nothing(_UNTUNED, 0)),
+        TuningStep(FUZZY, 1, _robot_gains),
+        TuningStep(COMPUTED_TORQUE, 1, _robot_bandwidth),
+        TuningStep(ELASTIC_OBSERVER, 1, _robot_observer),
+        TuningStep(ADAPTIVE_OBSERVER, 1, lambda context: nothing(_UNTUNED, 0)),
     )
 
 

@@ -39,7 +39,7 @@ from fuzzyarm.eval.tuning._finding import PERIOD, STEPS, Finding, read_finding, 
 from fuzzyarm.eval.tuning._fuzzy_gains import FUZZY
 from fuzzyarm.eval.tuning._search import Context
 from fuzzyarm.eval.tuning._steps import steps_for
-from fuzzyarm.eval.tuning.summary import README, summary
+from fuzzyarm.eval.tuning.readme import README, summary
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 

@@ -1,4 +1,4 @@
-"""The law of a controller of the form "semidefinite", see `fuzzy_policy.scheduled`, as a policy.
+"""The law of a controller of the form "semidefinite", see `fuzzy_policy.scheduled_controller`, as a policy.
 
 The Coriolis torques are computed from the measured velocity, so that they leave no term in the error's equation. The
 policy measures q and q̇ at the motors.
@@ -17,13 +17,13 @@ from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.known_arm import numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, linear_pid
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
 
 __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(LawPolicy):
-    """The law of a controller file as a policy; see `fuzzy_policy.scheduled`."""
+    """The law of a controller file as a policy; see `fuzzy_policy.scheduled_controller`."""
 
     integral_at: int | None = 0
 
@@ -34,7 +34,7 @@ class ScheduledPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of `fuzzy_policy.scheduled`."""
+        """The law of `fuzzy_policy.scheduled_controller`."""
         own, (arm, drives) = self.controller, numbers_of(self.controller.robot)
         premises = tuple((one.joint, float(one.turns), one.function.startswith("sin")) for one in own.premises)
         inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)

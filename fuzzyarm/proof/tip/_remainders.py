@@ -5,7 +5,7 @@ With the tube |S ξ| <= ρ during the period, the bounds of these torques are
     links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
              and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
     joints   Δk ρ_φ + Δb ρ_φ̇                                            products of uncertain constants,
-    motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction`,
+    motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction_bounds`,
     tip      the force with an arbitrary course in time,
 
 and the nonlinear parts of the uncertain constants' torques along the centre. These torques are
@@ -32,10 +32,10 @@ from flint import arb
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, middle_of, radius_of
-from fuzzyarm.proof.tip.friction import Friction, Plan
+from fuzzyarm.proof.tip.friction_bounds import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant
 
-__all__ = ["Drive", "LinkRemainder"]
+__all__ = ["ConstantForces", "LinkRemainder"]
 
 _REFINED = 3  # refinements of `LinkRemainder.bound` by the products of the masses
 _NO_FORCE = TipForces((), (), np.zeros((0, 0)), np.zeros(0))
@@ -125,7 +125,7 @@ class LinkRemainder:
         return np.asarray(torques.reshape(-1, self._layout.joints).sum(axis=0))
 
 
-class Drive(NamedTuple):
+class ConstantForces(NamedTuple):
     """The torques [N m] and forces [N] of the uncertain constants along the centre, during one period."""
 
     # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
@@ -135,7 +135,7 @@ class Drive(NamedTuple):
     motor: np.ndarray  # bound on the torques on each motor, including those within its joint (2,)
 
     @classmethod
-    def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> Drive:
+    def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> ConstantForces:
         """Return the torques of all constants except dry friction, whose torques depend on the plan."""
         channels, count, joints = plant.layout.channels, plant.layout.channel_count, plant.physics.joints
         shape = count, len(plant.parameters)
@@ -158,9 +158,9 @@ class Drive(NamedTuple):
                     drive._add(index, channels.link.start + i, arb(-1), torque)
         return drive
 
-    def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
+    def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> ConstantForces:
         """Return the torques of all uncertain constants, including dry friction according to the motors' plans."""
-        drive, channels = Drive(*(part.copy() for part in self)), plant.layout.channels
+        drive, channels = ConstantForces(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
             if torque is not None:

@@ -20,10 +20,10 @@ import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import motors
 from fuzzyarm.proof.tip._defects import PeriodMotion, TipForces
-from fuzzyarm.proof.tip._remainders import Drive, LinkRemainder
+from fuzzyarm.proof.tip._remainders import ConstantForces, LinkRemainder
 from fuzzyarm.proof.tip.centre import Mode, Segment
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
-from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
+from fuzzyarm.proof.tip.friction_bounds import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
 from fuzzyarm.proof.tip.transition import Linear, Transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
@@ -42,7 +42,7 @@ class Closed:
     tube: np.ndarray  # ρ (18,) in the order of `Layout.rows`
     torques: np.ndarray  # w̄ (8,) in the order of `Layout.channels` [N m; N]
     solution: Transition  # of the linear equation
-    drive: Drive  # of the uncertain constants
+    drive: ConstantForces  # of the uncertain constants
     columns: np.ndarray  # (10, n) of the zonotope at the end, without the torques w̄; the constants' columns first
     known: tuple[Speed, ...]  # bounds on the motors' velocities at the end
     plans: tuple[Plan, ...]  # the plan that bounds each motor's friction
@@ -71,7 +71,7 @@ class Period:
             self._lever, self._lever_spread = self.motion.lever_arms(tip.directions, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([d.size() for d in self.motion.link_defects(torques, plant.exact)])
-        self._constants = Drive.of(self.motion, force, plant)
+        self._constants = ConstantForces.of(self.motion, force, plant)
         self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
         self._drives = motors(plant.middle, centre.modes)
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
@@ -150,7 +150,7 @@ class Period:
             f"{torques[worst]:.3g}"
         )
 
-    def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
+    def _on_motors(self, tube: np.ndarray, driven: ConstantForces) -> tuple[np.ndarray, np.ndarray]:
         """Return two bounds (2,) [N m] on the uncertain constants' torques on each motor, for a claimed tube.
 
         The first covers the torques along the centre and the products within the joint; the second covers the
@@ -178,7 +178,7 @@ class Period:
                 raise PlanFails(j)
 
     def _free(
-        self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
+        self, start: Zonotope, system: Linear, solution: Transition, driven: ConstantForces
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the zonotope's columns (10, k) at the end for w̄ = 0, and bounds (18 + n,) on |S ξ_h| in the period."""
         S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
@@ -212,7 +212,7 @@ class Period:
         self,
         tube: np.ndarray,
         frictions: list[Friction],
-        driven: Drive,
+        driven: ConstantForces,
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
@@ -231,7 +231,7 @@ class Period:
         torques[self._channels.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
-    def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
+    def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: ConstantForces) -> tuple[Speed, ...]:
         """Return bounds on the motors' velocities [rad/s] at the end of the period."""
         found, ends = list[Speed](), self.motion.at(1)[self._rows.d_theta]
         for j, (friction, constants, products) in enumerate(

@@ -34,7 +34,7 @@ from fuzzyarm.envs.physics.records import Physics, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 from fuzzyarm.proof.tip.enclosures import NoBound, between, middle_of
-from fuzzyarm.proof.tip.transition import Layout, layout
+from fuzzyarm.proof.tip.transition import StateLayout, layout
 
 __all__ = [
     "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "PlantSet", "check_set_name", "exactly", "find_set",
@@ -242,7 +242,7 @@ class BallPlant:
     share: tuple[tuple[float, float], ...]
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> StateLayout:
         """The index ranges of these arms' vectors."""
         return layout(self.physics.joints, self.physics.axes)
 

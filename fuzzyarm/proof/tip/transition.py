@@ -18,13 +18,13 @@ import numpy as np
 from fuzzyarm.envs.physics.dynamics import motors
 from fuzzyarm.proof.tip.enclosures import SLACK, NoBound
 
-__all__ = ["Layout", "Linear", "Transition", "layout"]
+__all__ = ["Linear", "StateLayout", "Transition", "layout"]
 
 _TERMS = 24
 _PARTS = 2  # of a period; in each, the first two moments of a disturbance are kept
 
 
-class Layout:
+class StateLayout:
     """The index ranges of vectors of an arm with n joints and 2 or 3 tip axes; sizes in this module are for n = 2."""
 
     def __init__(self, joints: int, axes: int) -> None:
@@ -44,9 +44,9 @@ class Layout:
 
 
 @functools.cache
-def layout(joints: int, axes: int) -> Layout:
-    """Return the `Layout` of an arm; the same object on every call."""
-    return Layout(joints, axes)
+def layout(joints: int, axes: int) -> StateLayout:
+    """Return the `StateLayout` of an arm; the same object on every call."""
+    return StateLayout(joints, axes)
 
 
 class Transition(NamedTuple):
@@ -68,7 +68,7 @@ class Transition(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """The linear equation of a period, with n observed rows in addition to the 18 of `Layout.rows`."""
+    """The linear equation of a period, with n observed rows in addition to the 18 of `StateLayout.rows`."""
 
     A: np.ndarray  # (10, 10)
     size: np.ndarray  # |A|', (10, 10)

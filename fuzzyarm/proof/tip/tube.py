@@ -18,14 +18,14 @@ from fuzzyarm.proof.tip._between import between_samples
 from fuzzyarm.proof.tip._defects import Signal, TipForces
 from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, Jet, NoBound, largest, middle_of, radius_of
-from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
+from fuzzyarm.proof.tip.friction_bounds import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.sampled_law import Response, SampledLaw
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
-__all__ = ["Problem", "Step", "Tube", "tip_bound"]
+__all__ = ["Problem", "Tube", "TubeStep", "tip_bound"]
 
 _DIRECTIONS = 48  # of the polygon around the tip's deviations in a plane; it is at most 0.06 % larger than these
 _COARSE = 6  # one direction in so many is evaluated first
@@ -123,7 +123,7 @@ class Problem:
 
 
 @dataclasses.dataclass(frozen=True)
-class Step:
+class TubeStep:
     """One control step of the tube."""
 
     torque: np.ndarray  # held torque (2,) [N m] at the centre
@@ -184,7 +184,7 @@ class _State:
 
 
 class Tube:
-    """The tube of deviations along a motion; iterating over it yields one `Step` after another."""
+    """The tube of deviations along a motion; iterating over it yields one `TubeStep` after another."""
 
     def __init__(
         self,
@@ -208,7 +208,7 @@ class Tube:
         self._seen = [*states[self._rows.theta], *states[self._rows.d_theta], *memory]
         self._centre = Centre(problem.plant.middle, problem.period, problem.plant.physics)
 
-    def __iter__(self) -> Iterator[Step]:
+    def __iter__(self) -> Iterator[TubeStep]:
         """Yield the control steps up to the end of the motion; `NoBound` if no tube is found."""
         with ctx.workprec(BITS):
             check_curve(self.problem.plant.exact, self._layout.joints)
@@ -217,7 +217,7 @@ class Tube:
             with ctx.workprec(BITS):
                 yield self._step(k)
 
-    def _step(self, k: int) -> Step:
+    def _step(self, k: int) -> TubeStep:
         problem = self.problem
         torque = self._sample(k)
         parts: Iterable[tuple[Segment, TubeClaim | None]]
@@ -244,7 +244,7 @@ class Tube:
         begin = k * problem.period
         arc = between_samples(problem.reference, begin, problem.period, segments, closed, problem.plant)
         whole = (max(before, self._tip) + arc) * ROUND_UP
-        return Step(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
+        return TubeStep(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
         """Return the bound on the tip error at the k-th sample and the parts of its sources, from `tip_bound`."""

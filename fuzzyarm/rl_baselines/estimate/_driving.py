@@ -14,7 +14,7 @@ from fuzzyarm.rl_baselines.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate._courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate._teacher import Teacher
 
-__all__ = ["Chunk", "Drive"]
+__all__ = ["Chunk", "DrivenLanes"]
 
 
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
@@ -38,7 +38,7 @@ class Chunk(NamedTuple):
         return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 
 
-class Drive:
+class DrivenLanes:
     """The lanes of `courses`, driven by the student, chunk by chunk; the generator draws noise and plants.
 
     Attributes:

@@ -20,9 +20,9 @@ from fuzzyarm.envs.physics.records import columns, filled, flat, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, begin, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch, begin, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import act
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
@@ -94,7 +94,7 @@ class Teacher:
             m: Memory, seen: Observation, truth: Any, known: Any, torque: Any, _: Any, *tables: Any
         ) -> tuple[Any, ...]:
             s = settings.with_tables(tables)
-            room = Room(physics, s, known)
+            room = Scratch(physics, s, known)
             take_in(m, room, seen)
             begin(m, s, room)
             act(truth, m, s, room, torque)

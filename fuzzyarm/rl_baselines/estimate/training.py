@@ -25,12 +25,12 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
 from fuzzyarm.rl_baselines.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate._courses import draw_courses
-from fuzzyarm.rl_baselines.estimate._driving import Chunk, Drive
+from fuzzyarm.rl_baselines.estimate._driving import Chunk, DrivenLanes
 
 __all__ = [
     "EstimateTraining",
@@ -46,7 +46,7 @@ _NEWEST = 3  # one gradient step in this many uses the newest chunk
 
 
 class _Student(torch.nn.Module):
-    """The network of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network` as a torch module.
+    """The network of `fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn` as a torch module.
 
     h has `hidden` entries and tanh(P c) has `modulation`. V, G and D are initially zero, and so is the residual torque.
     """
@@ -129,7 +129,7 @@ class EstimateTraining:
         for number in range(config.chunks):
             if number % config.redraw == 0:
                 courses = draw_courses(self._arm, config.lanes, _PERIOD, self._generator)
-                drive = Drive(courses, self._policy, self._generator)
+                drive = DrivenLanes(courses, self._policy, self._generator)
             replay.append(drive.chunk(self._policy, config.steps))
             learned = [self._update(replay, update) for update in range(config.updates)]
             self._policy = self._policy.with_network(self.student.network())

@@ -24,7 +24,7 @@ from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
 from fuzzyarm.eval.evaluation.results_file import _check_row, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, row_of, write_results
-from fuzzyarm.eval.report._beliefs import belief_section
+from fuzzyarm.eval.report._belief_charts import belief_section
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.policies import load_policy, resolve
 

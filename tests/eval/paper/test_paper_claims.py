@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.eval.paper._claims import CLAIMS, Claim
+from fuzzyarm.eval.paper._claims import CLAIMS, PaperNumber
 from fuzzyarm.eval.paper.evidence import _HIGH_GAIN as HIGH_GAIN
 from fuzzyarm.eval.paper.evidence import _PAPERS_OWN as PAPERS_OWN
 from fuzzyarm.eval.paper.evidence import _SWAPPED as SWAPPED
@@ -68,9 +68,9 @@ def test_where_ours_differs_a_reason_is_given(comparison):
     ],
 )
 def test_agreement(comparison, decimals, value, expected):
-    claim = Claim("key", "here", "1.3", "q", "-", 1.3, "", comparison=comparison, decimals=decimals)
+    claim = PaperNumber("key", "here", "1.3", "q", "-", 1.3, "", comparison=comparison, decimals=decimals)
     assert claim.agrees("any", value) is expected
-    assert Claim("key", "here", "", "q", "-", {"other": 1.3}, "").agrees("any", value) is None
+    assert PaperNumber("key", "here", "", "q", "-", {"other": 1.3}, "").agrees("any", value) is None
 
 
 def test_feedforward_at_rest(evidence, comparison):

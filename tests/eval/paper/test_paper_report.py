@@ -8,9 +8,9 @@ from support.command_line import without_progress
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.paper import _report as drift
-from fuzzyarm.eval.paper._claims import CLAIMS, Claim
-from fuzzyarm.eval.paper._report import _Comparison as Comparison
+from fuzzyarm.eval.paper._claims import CLAIMS, PaperNumber
 from fuzzyarm.eval.paper._report import _Value as Value
+from fuzzyarm.eval.paper._report import _Values as Comparison
 from fuzzyarm.eval.paper._report import load_expected
 
 
@@ -96,7 +96,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys):
         assert message in capsys.readouterr().err
 
 
-CLAIM = Claim("peak", "6.2", "228", "peak", "N m", 228.0, "", tolerance=(0.01, 1.0))
+CLAIM = PaperNumber("peak", "6.2", "228", "peak", "N m", 228.0, "", tolerance=(0.01, 1.0))
 
 
 @pytest.mark.parametrize(

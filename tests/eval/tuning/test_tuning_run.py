@@ -23,7 +23,7 @@ def chose(policy, chosen, calls, radii=RADII):
         context.advance()
         return Found(chosen, {"error": float("nan")}, radii, 3)
 
-    return steps.Step(policy, 3, find)
+    return steps.TuningStep(policy, 3, find)
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_an_interrupted_tuning_goes_on_to_the_same_folder(tmp_path, calls, quick
     def interrupt(context):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(tuning, "steps_for", lambda arm: (last[0], steps.Step(ELASTIC_OBSERVER, 3, interrupt)))
+    monkeypatch.setattr(tuning, "steps_for", lambda arm: (last[0], steps.TuningStep(ELASTIC_OBSERVER, 3, interrupt)))
     assert main(["tune", "--out", str(broken), "--jobs", "1"]) == 130
     assert "--resume" in capsys.readouterr().err and not (broken / NAME).exists()
     monkeypatch.setattr(tuning, "steps_for", lambda arm: last)

@@ -43,7 +43,7 @@ def test_gains_are_the_same_bits_with_every_kernel(robot):
         "import sys\n"
         "from fuzzyarm.envs.physics.equations import chosen_arm\n"
         "from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights\n"
-        "from fuzzyarm.fuzzy_policy.laws.adaptive.law import feedback_table\n"
+        "from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table\n"
         "from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, gain_tables\n"
         f"arm = chosen_arm({robot!r}, None)\n"
         "_, *tables = gain_tables(arm, 1e-3, ObserverWeights())\n"

@@ -15,7 +15,7 @@ from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
+from fuzzyarm.fuzzy_policy.scheduled_controller import FUNCTIONS, Premise
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.proof.policy_certificate import certificate_of
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled

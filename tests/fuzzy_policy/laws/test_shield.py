@@ -9,7 +9,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.export._c_text import program_of
 from fuzzyarm.export.c_files import export_c
-from fuzzyarm.fuzzy_policy.laws.shield import ShieldedPolicy
+from fuzzyarm.fuzzy_policy.laws.guest import ShieldedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.shield import shielded
 from fuzzyarm.policies.spec import any_guest, recorded, resolve, without_guest

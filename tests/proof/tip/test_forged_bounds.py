@@ -11,7 +11,7 @@ from support.forged_bounds import Understated, checked, with_part
 
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.centre import Mode
-from fuzzyarm.proof.tip.friction import Plan
+from fuzzyarm.proof.tip.friction_bounds import Plan
 from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.proof.tip.transition import layout
 

@@ -10,10 +10,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
 from fuzzyarm.proof.tip._defects import PeriodMotion, TipForces
-from fuzzyarm.proof.tip._remainders import Drive
+from fuzzyarm.proof.tip._remainders import ConstantForces
 from fuzzyarm.proof.tip.centre import DEGREE, Mode
 from fuzzyarm.proof.tip.enclosures import BITS
-from fuzzyarm.proof.tip.friction import Friction, Plan, Speed
+from fuzzyarm.proof.tip.friction_bounds import Friction, Plan, Speed
 from fuzzyarm.proof.tip.period import Period
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.transition import Linear
@@ -31,7 +31,7 @@ def test_what_is_not_linear_in_time_is_within_the_rest_and_the_rest_is_needed(na
         motion = PeriodMotion(angles, PERIOD, two_joints())
         plant = BallPlant.of(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
         frictions = [Friction(j, Plan.ANY, Mode.FORWARD, motion, 0.0, plant, Speed(-np.inf, np.inf)) for j in range(2)]
-        found = Drive.of(motion, (), plant).with_friction(plant, frictions)
+        found = ConstantForces.of(motion, (), plant).with_friction(plant, frictions)
     half = plant.half(name)
     channels = getattr(plant.layout.channels, "joint" if name in ("stiffness", "damping") else "motor")
     gaps = []

@@ -13,11 +13,11 @@ from fuzzyarm.envs.physics.friction import STRIBECK, friction_torque, stribeck_m
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.proof.tip import _defects as defects
-from fuzzyarm.proof.tip import friction as friction_module
+from fuzzyarm.proof.tip import friction_bounds as friction_module
 from fuzzyarm.proof.tip._defects import PeriodMotion
 from fuzzyarm.proof.tip.centre import Centre, Mode
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
-from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed, check_curve
+from fuzzyarm.proof.tip.friction_bounds import Friction, Plan, PlanFails, Speed, check_curve
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 
 ARM = arm_constants(ArmParameters())

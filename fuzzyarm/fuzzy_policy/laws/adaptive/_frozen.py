@@ -28,8 +28,8 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, affine_numbers, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, begin, fill, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch, Settings, begin, fill, take_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import act
 from fuzzyarm.numbers.functions import array, each, only, row
 from fuzzyarm.numbers.linear import solved
 
@@ -95,7 +95,7 @@ def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.nd
 
 def _follow(physics: Physics, m: Memory, seen: Observation, s: Settings, postures: Any, gains: Any) -> Any:
     """Correct with the gains at the nearest posture, act and predict; return the torque (n,) [N m]."""
-    joints, states, forces, room = physics.joints, 4 * physics.joints, len(s.reopening), Room(physics, s)
+    joints, states, forces, room = physics.joints, 4 * physics.joints, len(s.reopening), Scratch(physics, s)
     torque, nearest, one = array(joints), array(2), room.one
     take_in(m, room, seen)
     begin(m, s, room)

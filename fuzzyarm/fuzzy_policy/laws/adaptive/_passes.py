@@ -35,7 +35,7 @@ from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws._iterative_learning import low_passed
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, update
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Scratch, command, predict, update
 from fuzzyarm.fuzzy_policy.policy import NOTHING_LEARNED, PassLearner
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel
@@ -284,7 +284,7 @@ class _Smoother:
 
         def forward(m: Memory, seen: _Seen, notes: _Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
             s = settings.with_tables(tables)
-            room, states = Room(physics, s), 4 * physics.joints
+            room, states = Scratch(physics, s), 4 * physics.joints
             room.measured, room.variances, room.line = seen.measured, seen.variances, seen.expected
             room.innovation, room.expected, room.columns, room.F = notes[:4]
             for i in each(2 * physics.axes):

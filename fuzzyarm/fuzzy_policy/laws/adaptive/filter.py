@@ -72,8 +72,8 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONG
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "MISTRUST", "Room", "Settings", "begin", "command",
-    "correct", "fill", "numbers_at", "predict", "sent", "take_in", "update",
+    "MISTRUST", "Scratch", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent",
+    "take_in", "update",
 ]  # fmt: skip
 
 _ENOUGH = 1e6  # largest count of samples
@@ -175,7 +175,7 @@ class _Copies(NamedTuple):
     numbers: Any  # a of the arm (k, copies)
 
 
-class Room:
+class Scratch:
     """Intermediate results for one lane; n joints, N entries of z, and a tip in a plane or in space.
 
     A force line has a row for each axis of the mean force, then a row for each axis of its change.
@@ -220,7 +220,7 @@ class Room:
                 self.known[k, i] = 0.0
 
 
-def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
+def correct(m: Memory, s: Settings, room: Scratch, seen: Observation) -> None:
     """Correct z and P by a sample, and fill `acted`; a diverged filter does not change."""
     for i in each(len(room.acted)):  # also for a diverged filter, so that every entry is defined
         room.acted[i] = m.z[i]
@@ -242,7 +242,7 @@ def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
         _significant(m, s, room)
 
 
-def take_in(m: Memory, room: Room, seen: Observation) -> None:
+def take_in(m: Memory, room: Scratch, seen: Observation) -> None:
     """Store the measurements and the reference of a sample, and count it."""
     joints = len(m.noise)
     for j in range(joints):
@@ -254,7 +254,7 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
     m.flags[FLAG.samples] = minimum(m.flags[FLAG.samples] + 1.0, _ENOUGH)
 
 
-def begin(m: Memory, s: Settings, room: Room) -> None:
+def begin(m: Memory, s: Settings, room: Scratch) -> None:
     """Initialise z and P if the sample is the first one.
 
     K_t (θ - q) = g(q) for the measured θ, the links are as fast as the motors, and p = p_0. Constants learned in an
@@ -302,7 +302,7 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
         m.z[states + i] = s.guess[i]
 
 
-def _note_noise(m: Memory, s: Settings, room: Room) -> None:
+def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
     """Estimate the variance σ² of the angles' noise from the part of their changes that velocities do not explain.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
@@ -329,7 +329,7 @@ def _note_noise(m: Memory, s: Settings, room: Room) -> None:
         room.variances[joints + j] = room.variances[j] * ratio
 
 
-def update(m: Memory, s: Settings, room: Room) -> Any:
+def update(m: Memory, s: Settings, room: Scratch) -> Any:
     """Correct z and P by the measured angles and velocities; return the mean of ν²/(P_yy + r)."""
     z, P, joints, surprise = m.z, m.P, len(room.measured) // 2, array(1)
     surprise[0] = 0.0
@@ -423,7 +423,7 @@ def _finite(m: Memory) -> Any:
     return total - total == 0.0
 
 
-def _significant(m: Memory, s: Settings, room: Room) -> None:
+def _significant(m: Memory, s: Settings, room: Scratch) -> None:
     """Fill `room.acted` with z, but with x_a and l_a in place of x and l."""
     joints, loads, acted, ratio = len(m.noise), len(s.reopening) + 1, room.acted, array(1)
     states, deviation, factor = 4 * joints, array(loads), array(loads, loads)  # P_ll⁻¹ (l - l_0), and L of P_ll = L Lᵀ
@@ -488,7 +488,7 @@ def _solve(L: Any, b: Any, y: Any) -> None:
         y[i] /= L[i, i]
 
 
-def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
+def predict(m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
     """Advance z and P to the next sample, with the commands that reach the motors until then.
 
     A diverged filter does not change. The filter is marked as diverged if the law's `torque` (n,) is not a number.
@@ -543,7 +543,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
     return torque
 
 
-def fill(copies: _Copies, z: Any, room: Room) -> None:
+def fill(copies: _Copies, z: Any, room: Scratch) -> None:
     """Fill state, vector a and forces of copies of the arm from z, but not their torques."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
@@ -557,7 +557,7 @@ def fill(copies: _Copies, z: Any, room: Room) -> None:
                 copies.force[i, lane] += room.directions[i, j] * z[states + j]
 
 
-def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
+def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_slope: Any) -> None:
     """Fill the copies: first the estimate, then each entry of z a step ahead, then each motor velocity a step behind.
 
     The step of a motor velocity is its standard deviation, because the slope at a sticking joint is zero nearby.
@@ -589,7 +589,7 @@ def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope
         torques[j, 1 + offset + j] += s.steps[offset + j]
 
 
-def _step(m: Memory, s: Settings, room: Room) -> None:
+def _step(m: Memory, s: Settings, room: Scratch) -> None:
     """Fill F from the copies after a control period, and advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)

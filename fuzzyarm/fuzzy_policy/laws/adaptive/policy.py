@@ -7,7 +7,7 @@
 x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm and the load of p: the torque that bends
 the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with the current p. The ⁺ marks values
 d control periods ahead, when the command reaches the motors: x is advanced by the pending commands, x_d by its
-derivatives. K is a linear quadratic regulator, scheduled over posture and payload, see `law`.
+derivatives. K is a linear quadratic regulator, scheduled over posture and payload, see `regulator`.
 
 The estimated payload is not a measurement: the filter divides a load between masses and forces.
 
@@ -32,8 +32,8 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of, seen_by, within_li
 from fuzzyarm.fuzzy_policy.laws.adaptive._frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive._passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, AdaptiveWeights, belief_of, layout, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, adaptive_weights_for, feedback_table
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch, Settings, correct, predict
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import act, adaptive_weights_for, feedback_table
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -100,7 +100,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Evaluate the law like `act`, but with a part of the tip force that is known beforehand, see `Room`."""
+        """Evaluate the law like `act`, but with a part of the tip force that is known beforehand, see `Scratch`."""
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
@@ -125,7 +125,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return ``answer(memory, seen, given, *tables, known, admit)``; see `Room` for `known`, `Law` for `admit`."""
+        """Return ``answer(memory, seen, given, *tables, known, admit)``; `Scratch` explains `known`, `Law` `admit`."""
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
@@ -133,7 +133,7 @@ class AdaptiveObserverPolicy(LawPolicy):
             memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None, admit: Any = None
         ) -> tuple[Any, Any]:
             (m, behind), s = memory, settings.with_tables(tables[:own])
-            room, torque = Room(physics, s, known), array(physics.joints)
+            room, torque = Scratch(physics, s, known), array(physics.joints)
             correct(m, s, room, seen)
             act(room.acted, m, s, room, torque)
             for j, applied in enumerate(() if admit is None else admit([torque[j] for j in range(physics.joints)])):

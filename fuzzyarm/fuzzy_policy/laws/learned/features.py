@@ -38,7 +38,7 @@ from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimu
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Features", "Lanes", "guided", "learning_action"]
+__all__ = ["FeatureLanes", "Features", "guided", "learning_action"]
 
 
 class _Remembered(NamedTuple):
@@ -163,7 +163,7 @@ def guided(base: Policy | None, name: str | None = None, *, beside: bool = False
     return Law(act, law.memory, (law.constants, tuple(map(float, base.torque_limit))), law.tables)
 
 
-class Lanes:
+class FeatureLanes:
     """Features of many lanes, and the guided base if there is one, as stepped by a training run."""
 
     def __init__(self, features: Features, base: Law) -> None:

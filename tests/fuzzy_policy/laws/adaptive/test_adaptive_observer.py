@@ -21,8 +21,8 @@ from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
 from fuzzyarm.fuzzy_policy.laws.adaptive._passes import _Smoother, _steadiest
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import _gain_share, _largest_radius, adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import _gain_share, _largest_radius, adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.observer_gains import softened
 
 ARM = ArmParameters()

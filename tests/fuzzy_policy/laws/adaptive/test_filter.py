@@ -23,7 +23,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     _INSIGNIFICANT,
     _NOISE_SHARE,
-    Room,
+    Scratch,
     _confine,
     _note_moves,
     _note_noise,
@@ -49,7 +49,7 @@ def believing(z, P):
     """A memory with copies of z and P, and room."""
     m = remembered(np.zeros(layout(two_joints()).noise.stop), two_joints())
     m.z[:], m.P[:] = z, P
-    return m, Room(two_joints(), SETTINGS)
+    return m, Scratch(two_joints(), SETTINGS)
 
 
 def covariance(rng, scale=1.0):
@@ -199,7 +199,7 @@ def test_a_direction_ends_the_calm_within_samples_and_opens_the_variance(memory,
 @pytest.mark.parametrize("what", ["calm and noise", "no noise", "a direction"])
 def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean_given_it(memory, beyond, what):
     """Without noise, and where corrections have a direction, nothing shrinks."""
-    rng, room, load = np.random.default_rng(0), Room(two_joints(), SETTINGS), slice(8, 8 + BELIEF.payload.stop)
+    rng, room, load = np.random.default_rng(0), Scratch(two_joints(), SETTINGS), slice(8, 8 + BELIEF.payload.stop)
     root, guess = rng.normal(size=memory.P.shape), SETTINGS.guess[: load.stop - 8]
     memory.P[:], memory.z[:] = root @ root.T, rng.normal(size=len(memory.z))
     memory.flags[FLAG.calm], memory.noise[:] = float(what != "a direction"), 0.0 if what == "no noise" else 1e-10

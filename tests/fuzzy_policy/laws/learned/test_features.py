@@ -9,7 +9,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.laws import _elastic_target as elastic_target
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided
+from fuzzyarm.fuzzy_policy.laws.learned.features import FeatureLanes, Features, guided
 
 PERIOD = 0.002
 DEFINITIONS = {
@@ -76,7 +76,7 @@ def expected(definition, observations, actions, torques, k):
 def test_features_are_those_of_the_equations(definition):
     observations, actions, torques = history(definition.joints)
     features = Features(definition, PERIOD, ARM if definition.joints == 2 else robot_named("planar-3r"))
-    lanes, memory, held = Lanes(features, guided(None)), np.zeros((3, features.memory_size)), np.empty((3, 0))
+    lanes, memory, held = FeatureLanes(features, guided(None)), np.zeros((3, features.memory_size)), np.empty((3, 0))
     for k in range(len(observations)):
         shown = lanes.see(observations[k], memory)
         wanted = expected(definition, observations, actions, torques, k)

@@ -21,14 +21,14 @@ from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.known_arm import _constants_of as constants_of
 from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import act
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import context_of, context_parts, scale_of, turns_of, units_of
 
 ARM, PLANAR, PERIOD, HIDDEN, MODULATION = ArmParameters(), robot_named("planar-3r"), 1e-3, 7, 3
@@ -115,7 +115,7 @@ class Oracle:
             for _ in range(20):
                 q = o[:2] - np.array(two_joints().gravity(PerJoint(*q), constants)) / ARM.stiffness
             self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
-        m, room, u_a = remembered(self.filter, two_joints()), Room(two_joints(), self.settings), np.empty(2)
+        m, room, u_a = remembered(self.filter, two_joints()), Scratch(two_joints(), self.settings), np.empty(2)
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
         correct(m, self.settings, room, observed(o))  # called as they are: not compiled
         act(room.acted, m, self.settings, room, u_a)

@@ -1,7 +1,7 @@
 """`learned-observer`: the elastic observer at rest, the adaptive observer in motion, and a network that corrects it.
 
 Two laws run in parallel on the same measurements. With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer`, the torque
-u_a of `adaptive.policy`, m and g of `network`, and the output ρ of the network,
+u_a of `adaptive.policy`, m and g of `rnn`, and the output ρ of the network,
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L ν,    ν = y - (θ̂, θ̂̇)⁻,    and the filter of the adaptive observer by y,
     act       u_o = u_ff - d̂ - K (x̂ - x_d),    u_b = u_o + m g (u_a - u_o),    u = u_b + R ρ(z, c, h),
@@ -30,13 +30,13 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as kalman
-from fuzzyarm.fuzzy_policy.laws.adaptive import law as regulator
+from fuzzyarm.fuzzy_policy.laws.adaptive import regulator
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed, steps_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate import signals
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, Layers, heard, respond
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateNetwork, Layers, heard, respond
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import context_parts, unexplained_parts
 from fuzzyarm.numbers.functions import Cells, array, each, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
@@ -57,7 +57,7 @@ class _SeenParts(NamedTuple):
     base: slice
 
 
-class _Memory(NamedTuple):
+class _EstimateMemory(NamedTuple):
     """The memory of a lane: the elastic observer's memory, the last ρ, the adaptive observer's filter, and h."""
 
     observer: Observed
@@ -122,14 +122,14 @@ class LearnedObserverPolicy(LawPolicy):
         act = self._act_of()
 
         def alone(
-            memory: _Memory, seen: Observation, c: Constants, *tables: Any, admit: Any = None
-        ) -> tuple[_Memory, Any]:
+            memory: _EstimateMemory, seen: Observation, c: Constants, *tables: Any, admit: Any = None
+        ) -> tuple[_EstimateMemory, Any]:
             after, torque, *_ = act(memory, seen, c, *tables, admit=admit)
             return after, torque
 
         at_rest = self.elastic.control_law
         filter_places, hidden = places(equations_of(self.parameters)), Cells((self.network.hidden,))
-        memory = _Memory(at_rest.memory, (0.0,) * self.joints, filter_places, hidden)
+        memory = _EstimateMemory(at_rest.memory, (0.0,) * self.joints, filter_places, hidden)
         tables = (*at_rest.tables, *self.adaptive.settings.tables, *self.network.layers)
         return Law(alone, memory, at_rest.constants, tables, told=True)
 
@@ -138,7 +138,7 @@ class LearnedObserverPolicy(LawPolicy):
         act, joints, law = self._act_of(), self.joints, self.control_law
 
         def observe(
-            memory: _Memory, seen: Observation, _: Any, out: Any, c: Constants, *tables: Any
+            memory: _EstimateMemory, seen: Observation, _: Any, out: Any, c: Constants, *tables: Any
         ) -> tuple[Any, ...]:
             after, torque, z, context, base = act(memory, seen, c, *tables)
             for part, numbers in zip(self.seen, (z, context, base), strict=True):
@@ -158,11 +158,11 @@ class LearnedObserverPolicy(LawPolicy):
         see_context, torques = signals.context_of(physics), units.torque.tolist()
 
         def learned(
-            memory: _Memory, seen: Observation, c: Constants, *tables: Any, admit: Any = None
+            memory: _EstimateMemory, seen: Observation, c: Constants, *tables: Any, admit: Any = None
         ) -> tuple[Any, ...]:
             feedback, observer, *others = tables
             s, layers = settings.with_tables(others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
-            m, h, room, adaptive = memory.filter, memory.hidden, Room(physics, s), array(joints)
+            m, h, room, adaptive = memory.filter, memory.hidden, Scratch(physics, s), array(joints)
             z, context = array(in_z.belief.stop), array(in_c.motion.stop)
             found = correct(memory.observer, seen, c, observer)
             see_context(seen, found.u_ff, limit, turns, c.target.arm, units, context)
@@ -188,6 +188,6 @@ class LearnedObserverPolicy(LawPolicy):
                 m.commands[0, i] = u
             observed = Observed(found.past, 1.0, predict(found.x, applied, c, c.target.arm))
             kalman.predict(m, s, room, adaptive)
-            return _Memory(observed, residual, m, h), torque, z, context, base
+            return _EstimateMemory(observed, residual, m, h), torque, z, context, base
 
         return learned

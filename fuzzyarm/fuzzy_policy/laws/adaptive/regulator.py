@@ -29,7 +29,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.laws._elastic_target import motor_target
 from fuzzyarm.fuzzy_policy.laws._gain_schedule import corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory, mass_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Scratch, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     SOFTENINGS,
     Condition,
@@ -108,7 +108,7 @@ def _gain_share(m: Memory, s: Settings) -> Any:
     return select(m.flags[FLAG.taught] != 0.0, 1.0, share)
 
 
-def act(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
+def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
     """Fill the unclipped torque (n,) [N m] for z, nan if the filter has diverged, and the data for `predict`.
 
     The caller may then replace the clipped torque ``m.commands[0]`` (n,) [N m] by the torque commanded instead.
@@ -121,7 +121,7 @@ def act(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         _command(z, m, s, room, torque)
 
 
-def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
+def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
     """Fill the vector a, the directions of travel, their force lines, and τ_d of the references."""
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
@@ -147,7 +147,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
         room.line[i], room.line[axes + i] = 0.5 * (known[0, i] + known[KEPT, i]), known[KEPT, i] - known[0, i]
 
 
-def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
+def _advance(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
     """Fill the state of `room.one` with x at the time when the next command acts, after all pending commands."""
     torque = room.one.torque
     joints, lateness = len(torque), z[len(z) - 1]
@@ -165,7 +165,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
             room.arm.hold(*room.one, select(last, rest * s.substep, s.substep), s.substeps)
 
 
-def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
+def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
     """Fill the torque for the time at which it reaches the motors."""
     joints, period = len(m.noise), s.period
     p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
@@ -192,7 +192,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
     command(m, s, torque)
 
 
-def _target(m: Memory, room: Room, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
+def _target(m: Memory, room: Scratch, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
     """Return θ_d, θ̇_d, θ̈_d, u_ff without dry friction, `back` samples ago with the current p; see `elastic_target`."""
     q, dq, ddq = (m.references[back, order, joint] for order in range(3))
     torques = [room.link_torque[back + k, joint] for k in range(4)]

@@ -226,7 +226,7 @@ class EstimateBundle(Trained):
     def load(cls, folder: str | Path) -> EstimateBundle:
         """Read and check a bundle; BundleError as in `PolicyBundle.load`."""
 
-        def build(found: _Description, tensors: dict[str, np.ndarray], trained: Any) -> EstimateBundle:
+        def build(found: _EstimateDescription, tensors: dict[str, np.ndarray], trained: Any) -> EstimateBundle:
             names = {field.name for field in dataclasses.fields(EstimateNetwork)}
             if set(tensors) != names:
                 raise ValueError(f"the weights are {listed(tensors)}; needed: {', '.join(sorted(names))}")
@@ -236,11 +236,11 @@ class EstimateBundle(Trained):
             period = checked_period("control_period", found.control_period)
             return cls(EstimateNetwork(**tensors), arm, period, **trained)
 
-        return read_bundle(Path(folder), OBSERVER, _Description, build)
+        return read_bundle(Path(folder), OBSERVER, _EstimateDescription, build)
 
 
 @dataclasses.dataclass(frozen=True)
-class _Description:
+class _EstimateDescription:
     """The content of ``policy.json``; exactly one of the last two fields is present."""
 
     schema: str
