@@ -6,7 +6,7 @@
     runs/mine                                      the folder of a learned policy
     my-arm/computed-torque, my-arm/fuzzy-4-tip     a policy of a folder that `fuzzyarm tune` wrote
     package.module:factory                         the user's own code, see `_user_code`
-    shield:fuzzy-4-tip:GUEST:4,2                   any of these within ± (4, 2) N m of a law, see `laws.shield`
+    shield:fuzzy-4-tip:GUEST:4,2                   any of these within ± (4, 2) N m of a law, see `laws.guest`
 
 A name may come from a file, and files are not trusted: no name makes `resolve` or `load_policy` import or run code.
 Code runs only if the user has named it in this process, with ``resolve(name, run_code=True)``.

@@ -23,7 +23,7 @@ _RESTARTS = 0.5  # fraction of the lanes that restart with each chunk, since the
 
 
 class Chunk(NamedTuple):
-    """A chunk of experience for learning; the symbols are those of `laws.learned.estimate.network`."""
+    """A chunk of experience for learning; the symbols are those of `laws.learned.estimate.rnn`."""
 
     z: torch.Tensor  # (steps, lanes, size of z)
     c: torch.Tensor  # (steps, lanes, size of c)

@@ -32,7 +32,7 @@ WEIGHTS = "weights.safetensors"  # file with the arrays of the network
 LAST, BEST = "policy", "best"
 """Names of the bundles in a training run's folder: the final policy, and the policy with the best evaluation."""
 
-OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.network`
+OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.rnn`
 _ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
