@@ -185,7 +185,7 @@ def test_the_folder_of_another_arm_is_refused(folder):
     [
         ({"bandwidth": None}, "parameters of computed-torque are missing"),
         ({"bandwidth": -1.0}, "bandwidth"),
-        ({"observer": {"a\nb": 1.0}}, "are missing or unknown"),
+        ({"observer": {"a\nb": 1.0}}, "missing weights: encoder.*; unknown: .a.*nb."),
         ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),
         ({"policies": ["../fuzzy-4"]}, "must be the name of a policy"),
         ({"schema": "fuzzyarm-tuned/0"}, "this version of fuzzyarm reads"),

@@ -47,7 +47,7 @@ def test_names_and_classes_of_settings_are_unique(search, monkeypatch):
     assert algorithm_of(PPOConfig()) is find_algorithm("ppo") is SPEC
     with pytest.raises(ValueError, match="algorithm 'ppo' already exists"):
         add_algorithm(dataclasses.replace(search, name="ppo"))
-    with pytest.raises(ValueError, match="SearchConfig is the configuration of 'search'; derive your own class"):
+    with pytest.raises(ValueError, match="SearchConfig belongs to 'search'; give a subclass of it as config"):
         add_algorithm(dataclasses.replace(search, name="another"))
     monkeypatch.delitem(ALGORITHMS, "search")
     with pytest.raises(ValueError, match="unknown algorithm 'search'; choose from: ppo"):

@@ -199,7 +199,7 @@ class Network:
                 f"the network has {len(self.weights)} weight matrices and {len(self.biases)} bias vectors; needed: one "
                 f"of each for every layer, and 1 to {_MOST_LAYERS} layers"
             )
-        if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
+        if not 1 <= min(self.sizes) <= max(self.sizes) <= _LARGEST_LAYER:
             raise ValueError(f"the layers have the widths {self.sizes}; allowed: 1 to {_LARGEST_LAYER} each")
         inputs, *widths = self.sizes
         for name in ("mean", "std"):
