@@ -100,7 +100,7 @@ class Settings:
     """The constants of filter and law; n joints, N entries of the estimate z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
-        """Set up for the known arm, T [s] and `feedback`, the regulator's gains of `law.feedback_table`."""
+        """Set up for the known arm, T [s] and `feedback`, the regulator's gains of `regulator.feedback_table`."""
         belief, p = believed.belief_of(equations_of(arm)), believed.prior(arm, weights)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
