@@ -207,7 +207,7 @@ class ArmFunctions:
         return found
 
     def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
-        """Advance states (4 n, copies) by `substeps` of h [s] under torques [N m] and force lines [N], see `Scratch`."""
+        """Advance states (4 n, copies) by `substeps` of h [s] under torques [N m], force lines [N], see `Scratch`."""
         physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))

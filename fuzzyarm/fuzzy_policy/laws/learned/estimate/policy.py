@@ -66,7 +66,7 @@ class _EstimateMemory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """A lane's memory: the elastic observer's, the network's last ρ, the adaptive filter's, and the network's h."""
+    """Elastic and adaptive observer with a network, see the module's docstring; its memory is an `_EstimateMemory`."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
