@@ -61,7 +61,7 @@ class LearnedPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the class's docstring."""
+        """The network, with its base if it has one, as a law; its memory is a `_Memory`."""
         features, network, base = self._features, self.bundle.network, guided(self.base, self.bundle.action.base)
         own, still = len(base.tables), (0.0,) * self.joints
         held = _Memory(0.0, still, features.memory, base.memory, network.memory)
@@ -87,7 +87,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """The memory of a lane: calls since the last action (0: the next is due), that action, memories of the parts."""
+    """A lane's memory: calls since the last action (0: next is due), that action, and features', base's, network's."""
 
     phase: Any
     action: Any
