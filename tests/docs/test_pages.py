@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from support.documentation import ROOT
 
 import fuzzyarm
 
@@ -48,3 +49,9 @@ def test_every_documented_name_has_an_entry(site):
     names = {name for name in fuzzyarm.__all__ if not name.startswith("__")}
     environments = {"FuzzyArmEnv", "FuzzyArmVectorEnv", "FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "TorchFuzzyArm"}
     assert {name.lower().rsplit("_", 1)[-1] for name in names | environments} <= anchors
+
+
+def test_figures_are_shown_somewhere():
+    pages = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    for figure in (ROOT / "docs" / "figures").iterdir():
+        assert figure.name in pages and figure.stat().st_size < 2 * 2**20, figure.name

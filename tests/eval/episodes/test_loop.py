@@ -26,6 +26,7 @@ from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import _check_rollout, _check_row, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, row_of, write_results
 from fuzzyarm.eval.report._belief_charts import belief_section
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.policies import load_policy, resolve
 
@@ -99,6 +100,20 @@ def test_sensors_and_actuators_can_be_changed_and_every_step_says_what_the_polic
         np.testing.assert_array_equal(step.memory, memory)
         assert 0.0 < step.seconds < 1.0
         seen = step.observation, step.info
+
+
+def test_link_side_measurement_is_unstable_where_motor_side_is_not():
+    """Why the motors are measured: 30 rad/s, half the shipped bandwidth, chatters at the torque limits."""
+
+    def link_side(observation, info):
+        return np.concatenate([info["q_link"], info["dq_link"], observation[4:]])
+
+    env, rates = FuzzyArmEnv(), []
+    for sense in (None, link_side):
+        steps = episodes(env, ComputedTorquePolicy(bandwidth=30.0), env.reset(seed=0), sense=sense)
+        run = rollout_of(steps, parameters=env.parameters, policy="", case="nominal", seed=0, control_period=1e-3)
+        rates.append(metrics_of(run)["torque_rate_rms"])
+    assert rates[0] < 1e3 and rates[1] > 1e4
 
 
 def test_each_pass_begins_with_what_begin_pass_returned(short):

@@ -222,3 +222,8 @@ def test_no_value_is_clipped_with_twelve_policies(chromium, many_folder, width, 
         assert chromium.run(CLIPPED) == []
     assert chromium.run("document.documentElement.scrollWidth") == width
     assert chromium.run("plots.every(({ canvas }) => canvas.clientHeight >= 120)")
+
+
+def test_the_page_is_short_on_a_phone(chromium, many_folder):
+    chromium.open(many_folder / "report.html", width=390, height=844)
+    assert chromium.run("document.documentElement.scrollHeight") < 6000
