@@ -224,6 +224,7 @@ def test_no_value_is_clipped_with_twelve_policies(chromium, many_folder, width, 
     assert chromium.run("plots.every(({ canvas }) => canvas.clientHeight >= 120)")
 
 
+@pytest.mark.parametrize("many_folder", [9], indirect=True)
 def test_the_page_is_short_on_a_phone(chromium, many_folder):
     chromium.open(many_folder / "report.html", width=390, height=844)
     assert chromium.run("document.documentElement.scrollHeight") < 6000
