@@ -117,7 +117,8 @@ def test_what_cannot_be_tuned_is_refused_in_one_line(tmp_path, calls, few_postur
 def test_table_1_gives_the_shipped_numbers_back(tmp_path):
     laws = tune_arm(ArmParameters(), tmp_path, jobs=2).laws
     made, shipped = (Controller.load(path) for path in (tmp_path / "fuzzy-4.json", POLICIES["fuzzy-4"].path))
-    for name in ("model", "form", "alpha", "gamma", "fastest_pole"):
+    assert made.model == shipped.model
+    for name in ("alpha", "gamma", "fastest_pole"):
         assert getattr(made, name) == pytest.approx(getattr(shipped, name), rel=1e-6)
     np.testing.assert_allclose(made.gains, shipped.gains, rtol=1e-5, atol=1e-5 * np.abs(shipped.gains).max())
     assert tuple(laws.numbers().values()) == (_BANDWIDTH, ObserverWeights(), AdaptiveWeights())

@@ -47,7 +47,7 @@ class LearnedPolicy(LawPolicy):
         self.calls_per_action = bundle.action.calls(control_period)
         if (base is None) != (bundle.action.base is None):
             given = "none" if base is None else type(base).__name__
-            raise ValueError(f"this policy was trained with base = {bundle.action.base}, but base = {given} was given")
+            raise ValueError(f"base = {given} is not the base with which this policy was trained: {bundle.action.base}")
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base has control_period = {base.control_period} s; needed: {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
