@@ -113,7 +113,7 @@ def test_what_makes_no_sense_is_refused():
     for call, message in (
         (lambda: problem.pole_region([1.0], np.eye(2)), r"R has shape \(1,\); allowed: \(2, 2\)"),
         (lambda: problem.pole_region([[0.0, 1.0], [0.0, 0.0]], np.eye(2)), "symmetric matrix R"),
-        (lambda: paper.pole_region(*sector(1.0)), "consistent form"),
+        (lambda: paper.pole_region(*sector(1.0)), "form .consistent."),
         (lambda: problem.gain_bound(0, 6, 1.0), "state = 6"),
         (lambda: problem.gain_bound(0, 0, 0.0), "bound = 0"),
         (lambda: problem.solve(solver="NOSUCH"), r"solver = 'NOSUCH' is not installed; installed: CLARABEL, .*SCS"),

@@ -138,7 +138,7 @@ def test_what_a_robot_has_no_bound_for_is_one_line(words, why, capsys):
 
 def test_ranges_by_joint_and_widths_by_joint_are_for_as_many_joints(bound):
     claim = dataclasses.replace(bound.claim, steps=2)
-    with pytest.raises(NoBound, match="a range for each of 2 joints; give one for all 3 joints"):
+    with pytest.raises(NoBound, match="ranges for 2 joints each; give one range for all 3 joints"):
         find_bound(dataclasses.replace(claim, set_name="", plants=PlantSet(mass=((1.0, 1.0), (0.9, 1.1)))))
     with pytest.raises(ValueError, match="angle has 2 numbers; this arm has 3 joints"):
         find_bound(dataclasses.replace(claim, start=StartBox(angle=(1e-4, 2e-4))))
