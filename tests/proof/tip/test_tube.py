@@ -154,9 +154,10 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
         assert main(["verify", str(out), "--json"]) == 1
         (found,) = json.loads(capsys.readouterr().out)
         assert not found["proven"] and why in found["reason"]
-    out.write_text(json.dumps(sound | {"cells": ["../loads-001.json"]}))
-    assert main(["verify", str(out)]) == 2
-    assert "without a folder" in one_line_error(capsys)
+    for wrong in (["../loads-001.json"], [""], []):
+        out.write_text(json.dumps(sound | {"cells": wrong}))
+        assert main(["verify", str(out)]) == 2
+        assert "without a folder" in one_line_error(capsys)
 
 
 @pytest.mark.slow
