@@ -499,7 +499,7 @@ class _Writer:
         return found
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
-        """Copy array entries one by one from their port into the group's own memory, or back."""
+        """Copy `count` entries of a port's array, from `first` on, to `place` in the arms' own memory, or `back`."""
         with self.counted(k := f"%k{self.blocks}", str(count)):
             own = self.room(self.new(f"add i64 {k}, {place}"))
             number = self.new(f"add i64 {k}, {first}")

@@ -64,7 +64,7 @@ _INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle
 
 
 def _compared_policies() -> dict[str, FuzzyPolicy]:
-    """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
+    """Return the compared policies by their key in `TITLES`; loading the first four repeats their proofs."""
     policies: dict[str, Any] = {key: load_policy(source) for key, source in _SOURCES.items()}
     printed, consistent = (policies[key].controller for key in ("printed-4", "consistent-4"))
     # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `smallest_gamma`.
