@@ -78,8 +78,8 @@ def test_periods_and_bases_that_do_not_fit_are_named():
     for made, period, given, message in (
         (bundle(), 1.5e-3, None, "acts every 0.002 s.* = 0.0015 s; allowed control periods: 0.002 s divided"),
         (bundle(), 4e-3, None, "control_period = 0.004 s"),
-        (residual, 1e-3, None, "trained with base = fuzzy-4, but base = none"),
-        (bundle(), 1e-3, base, "trained with base = None, but base = FuzzyPolicy"),
+        (residual, 1e-3, None, "base = none is not the base .* trained: fuzzy-4"),
+        (bundle(), 1e-3, base, "base = FuzzyPolicy is not the base .* trained: None"),
         (residual, 2e-3, base, "control_period = 0.001 s; needed: 0.002 s"),
     ):
         with pytest.raises(ValueError, match=message):
