@@ -1,6 +1,6 @@
 """Symbols: the unknown numbers of a function while it is recorded, and the parts of the recorded program.
 
-Indices of arrays and tables may depend on the rounds of loops. A program consists of regions, loops, branches,
+Indices of arrays and tables may depend on the iterations of loops. A program consists of regions, loops, branches,
 operations and stores.
 """
 
@@ -192,7 +192,7 @@ class Region:
 
 
 class For(NamedTuple):
-    """A region that is run for each round of a loop, the loop's number, and the number of rounds."""
+    """A region that is run in each iteration of a loop, the loop's number, and the number of iterations."""
 
     number: int
     rounds: Index
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times, with the carried numbers before, within, at the end of a round, and after."""
+    """A region that is run `count` times, with the carried numbers before, in, at the end of an iteration, and after."""
 
     count: Any
     region: Region
