@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times, with the carried numbers before, in, at the end of an iteration, and after."""
+    """A region that is run `count` times, with the carried numbers before, in, at the end of an iteration and after."""
 
     count: Any
     region: Region
