@@ -270,7 +270,7 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> Any:
-        """Return the state before a first pass, with this memory of the policy."""
+        """Return the state before the first pass over a path, with this `memory` of the policy."""
 
     @abc.abstractmethod
     def _go_on(self, seen: np.ndarray, state: Any) -> np.ndarray:

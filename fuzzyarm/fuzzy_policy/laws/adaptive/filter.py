@@ -558,7 +558,7 @@ def fill(copies: _Copies, z: Any, room: Scratch) -> None:
 def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_slope: Any) -> None:
     """Fill the copies: first the estimate, then each entry of z a step ahead, then each motor velocity a step behind.
 
-    The step of a motor velocity is its standard deviation, because the slope at a sticking joint is zero nearby.
+    A motor velocity's step is its standard deviation, because a sticking joint would not respond to a small step.
     `torque` (n,) [N m] is the torque of the motors, `torque_slope` (n,) its derivative with respect to the delay.
     """
     state, torques, force, numbers = room.copies
