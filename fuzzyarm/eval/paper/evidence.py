@@ -202,7 +202,7 @@ class Evidence:
     # Measures of the rollouts.
 
     def circularity(self, case: str, side: str, end: str) -> dict[str, float]:
-        """Return the circularity error [mm] of each controller, by the `end` "inmost", "outmost" or "largest"; see `SIDES`."""
+        """Return the circularity error [mm] of each controller, by `end`: "inmost", "outmost" or "largest"."""
         ends: Mapping[str, Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}
         return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
 
