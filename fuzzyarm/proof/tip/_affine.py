@@ -483,7 +483,7 @@ class _Places:
         return self.each(operator.neg)
 
     def __bool__(self) -> bool:
-        raise NoBound("the law rounds a number, and the tube does not determine the result")
+        raise NoBound("the law rounds a number, and states of the tube give different results")
 
     __float__ = __bool__
 

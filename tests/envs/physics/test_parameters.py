@@ -114,7 +114,10 @@ def test_the_ends_share_the_diagonal_of_the_rigid_mass_matrix(arm, tmp_path):
         ("stiffness = [[0.0, 1e6], [2e3, 1e5]]", r"stiffness\[0\]\[0\] = 0.0 N m/rad is out of range"),
         ("stiffness = [[7e4, 9e4], [1, 2e4]]", r"ranges: stiffness\[0\] of the arm = 64000.0 N m/rad is out of range"),
         ("damping = [[1.0, 2.0], [1.0, 2.0]]", "unknown field damping; known: motor_inertia, stiffness"),
-        ("motor_inertia = [[1, 9], [0.4, 0.6]]", r"arm at these ends is impossible \(motor_inertia high\): inertia"),
+        (
+            "motor_inertia = [[1, 9], [0.4, 0.6]]",
+            r"arm with these limits is impossible \(motor_inertia high\): inertia",
+        ),
     ],
 )
 def test_a_wrong_table_is_refused_by_every_reader(ranges, message, tmp_path):
