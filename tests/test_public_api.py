@@ -2,16 +2,16 @@
 
 import ast
 import doctest
-import functools
-import importlib
 import inspect
 import pkgutil
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import fuzzyarm
+import fuzzyarm.synthesis
 
 FOUND = ["fuzzyarm", *sorted(module.name for module in pkgutil.walk_packages(fuzzyarm.__path__, "fuzzyarm."))]
 MODULES = [name for name in FOUND if "._" not in name]  # of the others nothing is public
@@ -26,18 +26,9 @@ UNIT = re.compile(
 )
 
 
-def imported(name):
-    return importlib.import_module(name)
-
-
-@functools.cache
-def tree(name):
-    return ast.parse(inspect.getsource(imported(name)))
-
-
 def public(name):
     """The public functions and classes that a module defines itself."""
-    module = imported(name)
+    module = import_module(name)
     for symbol in getattr(module, "__all__", ()):
         found = getattr(module, symbol)
         if getattr(found, "__module__", None) == name and (inspect.isclass(found) or inspect.isroutine(found)):
@@ -46,7 +37,7 @@ def public(name):
 
 def callables(name):
     """The public functions of a module, and the methods of its public classes, with all text about them."""
-    about = imported(name).__doc__ or ""
+    about = import_module(name).__doc__ or ""
     for symbol, found in public(name):
         if not inspect.isclass(found):
             yield symbol, found, "\n".join([about, found.__doc__ or ""])
@@ -59,23 +50,18 @@ def callables(name):
                 yield f"{symbol}.{key}", function, "\n".join([about, *texts])
 
 
-def annotations(function):
-    """The types of arguments and result, as they are written."""
-    return {key: str(value) for key, value in inspect.get_annotations(function).items()}
-
-
 def undocumented(name):
-    """Public functions, classes and methods without a docstring."""
-    found = [(symbol, getattr(imported(name), symbol)) for symbol in imported(name).__all__]
-    documented = [(symbol, one) for symbol, one in found if inspect.isclass(one) or inspect.isroutine(one)]
-    yield from (symbol for symbol, one in documented if not inspect.getdoc(one))
-    yield from (place for place, function, _ in callables(name) if not inspect.getdoc(function))
+    found = {symbol: getattr(import_module(name), symbol) for symbol in import_module(name).__all__}
+    found |= {place: function for place, function, _ in callables(name)}
+    found = {place: one for place, one in found.items() if inspect.isclass(one) or inspect.isroutine(one)}
+    return [place for place, one in found.items() if not inspect.getdoc(one)]
 
 
 def lacking(name, types, pattern):
     """Public callables that take or return one of these types, and whose text has no match of a pattern."""
     for place, function, text in callables(name):
-        kinds = (re.sub(r"\b(dict|Mapping|Callable)\b.*", "", kind) for kind in annotations(function).values())
+        written = map(str, inspect.get_annotations(function).values())
+        kinds = (re.sub(r"\b(dict|Mapping|Callable)\b.*", "", kind) for kind in written)
         if any(types.search(kind) for kind in kinds) and not pattern.search(text):
             yield place
 
@@ -85,13 +71,14 @@ def test_what_a_module_declares_public_is_documented_with_shapes_and_units(folde
     names = [name for name in MODULES if (name.rpartition(".")[0] or name) == folder]
     assert names
     for name in names:
-        module = imported(name)
+        module = import_module(name)
         assert module.__doc__, f"{name}: no docstring"
-        if not hasattr(module, "__all__") and all(isinstance(node, ast.Expr) for node in tree(name).body):
+        body = ast.parse(inspect.getsource(module)).body
+        if not hasattr(module, "__all__") and all(isinstance(node, ast.Expr) for node in body):
             continue  # the docstring of a package that holds nothing else
         assert hasattr(module, "__all__"), f"{name}: no __all__"
         assert len(set(module.__all__)) == len(module.__all__), name
-        assert list(undocumented(name)) == [], name
+        assert undocumented(name) == [], name
         assert list(lacking(name, re.compile(r"\b(ndarray|ArrayLike|Tensor)\b"), SHAPE)) == [], name
         assert list(lacking(name, re.compile(r"\b(float|ndarray|ArrayLike)\b"), UNIT)) == [], name
 
@@ -103,4 +90,13 @@ WITH_EXAMPLES = [path.relative_to(ROOT) for path in ROOT.glob("fuzzyarm/**/*.py"
 @pytest.mark.parametrize("path", sorted(WITH_EXAMPLES), ids=str)
 def test_examples_run(path):
     name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
-    assert doctest.testmod(imported(name), optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).failed == 0
+    assert doctest.testmod(import_module(name), optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).failed == 0
+
+
+@pytest.mark.parametrize("package", [fuzzyarm, fuzzyarm.synthesis], ids=lambda package: package.__name__)
+def test_names_that_are_imported_when_first_asked_for_are_those_of_their_homes(package):
+    assert set(package.__all__) - {"__version__", "load_policy"} == set(package._HOMES)
+    for name, home in package._HOMES.items():
+        assert getattr(package, name) is getattr(import_module(f"{package.__name__}.{home}"), name)
+    with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no attribute 'nosuch'"):
+        _ = package.nosuch

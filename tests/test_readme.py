@@ -1,6 +1,6 @@
 """The README is tested: its commands run, its tables agree with the stored results, and these are still reproduced."""
 
-import importlib.util
+import importlib
 import json
 import re
 import runpy
@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from fuzzyarm import EvaluationConfig, evaluate
 from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.policies import COMPARED
 
 ROOT = Path(__file__).parent.parent
@@ -24,16 +24,9 @@ COMMANDS = [
 STORED = json.loads((ROOT / "benchmarks" / "results" / "evaluate.json").read_text(encoding="utf-8"))
 
 
-def load_script(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_tables_are_those_of_the_stored_results(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")  # as if run from there
-    assert load_script(ROOT / "benchmarks" / "readme.py").fill(TEXT) == TEXT
+    assert importlib.import_module("readme").fill(TEXT) == TEXT
 
 
 EACH_IN_ONE_CASE = [(COMPARED[k :: len(PAPER_CASES)], (case,)) for k, case in enumerate(PAPER_CASES)]

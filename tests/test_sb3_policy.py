@@ -1,20 +1,17 @@
 """The example that ranks a zip of stable-baselines3: it acts as the model did in the environment that it learned in."""
 
-import json
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers.vector import RescaleAction
-
-pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
+from fuzzyarm import ArmParameters
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 NAME = "examples.sb3_policy:factory"
@@ -50,16 +47,6 @@ def test_it_acts_as_in_the_training(saved):
             expected = action * env.action_space.high
         np.testing.assert_allclose(torque, expected, rtol=1e-6)
         observation, *_ = env.step(torque)
-
-
-@pytest.mark.usefixtures("saved", "undrawn")
-def test_it_is_evaluated(tmp_path, capsys):
-    out = tmp_path / "out"
-    code = main(["evaluate", "--policy", NAME, "--case", "nominal", "--out", str(out)])
-    (row,) = json.loads((out / "results.json").read_text())["results"]
-    assert row["policy"] == NAME and row["completed"] == (code == 0)
-    assert str(tmp_path) not in (out / "results.json").read_text()
-    assert "nothing is proven for the rigid arm: " in capsys.readouterr().out
 
 
 def test_without_a_file_it_says_which_variable(saved, tmp_path, monkeypatch, capsys):

@@ -124,7 +124,8 @@ def texts(name: str, values: Any) -> Sequence[str]:
 def instance(name: str, value: Any, kind: type[_Choice]) -> _Choice:
     """Return the value if it is an instance of a class; otherwise raise a TypeError that names the class."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name} = {shown(value)} must be a {kind.__module__}.{kind.__qualname__}")
+        class_name = f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
+        raise TypeError(f"{name} = {shown(value)} must be a {class_name}")
     return value
 
 

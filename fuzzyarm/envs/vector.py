@@ -302,7 +302,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
             raise ValueError(
-                "some environments in this state wait for a reset, and this autoreset_mode resets at once; use the "
+                "some environments of the state are awaiting a reset, but this autoreset_mode resets at once; use the "
                 "autoreset_mode with which the state was saved"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)

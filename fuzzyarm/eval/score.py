@@ -31,7 +31,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import made_now
-from fuzzyarm.eval.stability._at_rest import remark_on
+from fuzzyarm.eval.stability._linearisation import remark_on
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 

@@ -156,7 +156,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         return found
 
     def held_out(found: Fit, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
-        """Return the rms errors (2,) [rad] of predictions of each group with the parameters from the other groups."""
+        """Return the joints' rms errors (2,) [rad] of predictions of all groups, each by parameters from the others."""
         errors = []
         for group in range(dealt.groups):
             others, own = dealt.chosen(parts, group, inside=False), dealt.chosen(predicted, group, inside=True)

@@ -214,8 +214,8 @@ def rehearsed(
     if terminated:
         seconds = len(torque) * env.control_period
         raise ValueError(
-            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the controller's model (known) "
-            "is too inaccurate for this motion"
+            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the arm `known`, by which the "
+            "controller computes its torques, is too inaccurate for this motion"
         )
     parts = observed(np.array(measured))
     return Log(env.control_period, parts.q_motor, np.array(torque), parts.dq_motor)

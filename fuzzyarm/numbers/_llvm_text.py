@@ -164,7 +164,7 @@ class _Writer:
             self.spread(f"%v{one.number}", _KINDS[one.kind], out)
 
     def place(self, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the text of the index constant + Σ factor k, k the round of a loop, for terms (loop, factor)."""
+        """Return the text of the index constant + Σ factor k, k the iteration of a loop, for terms (loop, factor)."""
         text = str(constant)
         for loop, factor in terms:
             product = self.new(f"mul nsw i64 %i{loop}, {factor}")
@@ -294,7 +294,7 @@ class _Writer:
     def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
         """Write a loop over k = 0, ..., count - 1 around the lines of the block; yield a list for the carried numbers.
 
-        For each carried number this block must add kind, name inside, text before the loop and text at a round's end.
+        For each carried number the block must add kind, name inside, text before the loop and text after an iteration.
         """
         carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
@@ -499,7 +499,7 @@ class _Writer:
         return found
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
-        """Copy array entries one by one from their port into the group's own memory, or back."""
+        """Copy `count` entries of a port's array, from `first` on, to `place` in the arms' own memory, or `back`."""
         with self.counted(k := f"%k{self.blocks}", str(count)):
             own = self.room(self.new(f"add i64 {k}, {place}"))
             number = self.new(f"add i64 {k}, {first}")

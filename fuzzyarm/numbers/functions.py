@@ -138,7 +138,7 @@ def array(*shape: int) -> Any:
 def each(count: Any) -> Iterable[Any]:
     """Return 0, 1, ..., count - 1, for a loop whose body reads and writes arrays.
 
-    A recorded body runs once, so only arrays carry numbers from one round to the next.
+    A recorded body runs once, so only arrays carry numbers from one iteration to the next.
     """
     return RECORDERS[-1].each(count) if RECORDERS else range(count)
 

@@ -1,6 +1,6 @@
 """Symbols: the unknown numbers of a function while it is recorded, and the parts of the recorded program.
 
-Indices of arrays and tables may depend on the rounds of loops. A program consists of regions, loops, branches,
+Indices of arrays and tables may depend on the iterations of loops. A program consists of regions, loops, branches,
 operations and stores.
 """
 
@@ -81,7 +81,7 @@ for _name, _result in _FUNCTIONS.items():
 
 
 class Index:
-    """A whole number that depends on the rounds of loops: `constant`, and `terms` with a factor for each loop."""
+    """A whole number: `constant` plus, for each loop in `terms`, a factor times the number of the loop's iteration."""
 
     __slots__ = ("constant", "terms")
 
@@ -117,8 +117,8 @@ class Index:
 class Array:
     """Entries of an arm, or of a table, that are read and written by index while a function is recorded.
 
-    They lie in `memory`: "room" (numbers of ports), "table0", ..., or "array0", ... (own arrays of the program),
-    beginning at `first`, an `Index`. They are `steps` apart along each axis of the shape, by default row by row.
+    They lie in `memory` from `first`, an `Index`, on: in "room" (the ports' numbers), "table0", ..., or "array0", ...
+    (the program's own arrays). Neighbours along an axis of the shape are `steps` apart, by default in row-major order.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -192,7 +192,7 @@ class Region:
 
 
 class For(NamedTuple):
-    """A region that is run for each round of a loop, the loop's number, and the number of rounds."""
+    """A region that is run in each iteration of a loop, the loop's number, and the number of iterations."""
 
     number: int
     rounds: Index
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times, with the carried numbers before, within, at the end of a round, and after."""
+    """A region that is run `count` times, with the carried numbers before, in, at the end of an iteration and after."""
 
     count: Any
     region: Region

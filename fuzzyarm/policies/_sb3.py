@@ -90,7 +90,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             parts = {name: archive.getinfo(name) for name in ("data", "policy.pth")}
             if any(part.file_size > _LARGEST for part in parts.values()):
-                raise ValueError(f"one of its parts has more than {_LARGEST} bytes")
+                raise ValueError(f"one of its parts is larger than the allowed {_LARGEST} bytes")
             data = instance("data", json.loads(archive.read("data")), dict)
             found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
         tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}

@@ -175,7 +175,7 @@ class UserPolicy:
         return found
 
     def _called(self, method: str, *arguments: Any) -> Any:
-        """Return the result of a method of the object; ValueError that names the method if it fails."""
+        """Return the result of a method of the user's policy; a ValueError names the method if the call fails."""
         try:
             return getattr(self._policy, method)(*arguments)
         except Exception as error:

@@ -191,7 +191,7 @@ class PolicySpec:
         if path.suffix in _ROUTES:
             raise ValueError(f"{path} is a model of another library: write --policy {_ROUTES[path.suffix]}{path}")
         if path.suffix in (".pt", ".pth", ".safetensors"):
-            raise ValueError(f"{path} contains weights from another library, but not the network: {code}")
+            raise ValueError(f"{path} contains only the weights of a network, not its layers: {code}")
         if path.is_dir() and not any((path / name).exists() for name in (DESCRIPTION, WEIGHTS)):
             inside = [str(path / name) for name in (LAST, BEST) if (path / name / DESCRIPTION).exists()]
             inside += [f"{_ROUTES[entry.suffix]}{entry}" for entry in sorted(path.iterdir()) if entry.suffix in _ROUTES]

@@ -84,8 +84,9 @@ class TunedLaws:
         weights = []
         for name, kind in (("observer", ObserverWeights), ("adaptive", AdaptiveWeights)):
             values = getattr(self, name)
-            if values and (odd := set(values) ^ {field.name for field in dataclasses.fields(kind)}):
-                raise ValueError(f"{name}: the weights {listed(odd)} are missing or unknown")
+            given, names = set(values or ()), {field.name for field in dataclasses.fields(kind)}
+            if given and (missing := names - given) | (odd := given - names):
+                raise ValueError(f"{name}: missing weights: {listed(missing) or None}; unknown: {listed(odd) or None}")
             weights.append(kind(**values) if values else None)
         return dict(zip(LAWS, (self.bandwidth, *weights), strict=True))
 

@@ -190,18 +190,18 @@ def _check_values(loaded: Any, size: int) -> None:
     while rest:
         part, count = rest.pop(), count + 1
         if count > _MOST_VALUES:  # a list may contain another list many times, or itself
-            raise ValueError(f"it has more than {_MOST_VALUES} values")
+            raise ValueError(f"the checkpoint contains more values than the allowed {_MOST_VALUES}")
         if isinstance(part, dict):
             rest += [*part, *part.values()]
         elif isinstance(part, list | tuple):
             rest += part
         elif isinstance(part, torch.Tensor):
             if part.layout != torch.strided or part.is_quantized or part.device.type != "cpu" or part.is_complex():
-                raise ValueError("a tensor is not strided, or is quantized, complex or not on the CPU")
+                raise ValueError("a tensor is of a wrong kind; allowed: strided, real, unquantized, on the CPU")
             if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
-                raise ValueError("a tensor is larger than the file")
+                raise ValueError("a tensor is larger than the checkpoint's file")
         elif not isinstance(part, str | bool | int | float | None):
-            raise ValueError(f"it contains an object of type {type(part).__name__}")
+            raise ValueError(f"the checkpoint contains an object of the unknown type {type(part).__name__}")
 
 
 def _as_tensors(content: Any) -> Any:

@@ -356,7 +356,7 @@ class DesignProblem:
         size, n, m = len(np.atleast_2d(np.asarray(S))), self._data.n_e, len(self._data.uncertainties)
         R, S = finite_array("R", R, (size, size), "1/s"), finite_array("S", S, (size, size))
         if self.specification.form != "consistent" or not np.array_equal(R, R.T):
-            raise ValueError("a pole region needs the consistent form and a symmetric matrix R")
+            raise ValueError("pole_region needs a symmetric matrix R, and a specification of form 'consistent'")
         rows, pairs, unit = len(self._pair), len(self.pairs), self._units
         Q, X = (
             cp.multiply(np.tile(unit[name], (size, size)), cp.Variable((pairs, size * n, size * n))) for name in "QX"

@@ -21,19 +21,14 @@ from support.bags import write_bag
 from support.trainings import SMALL_TRAINING
 
 import fuzzyarm
+from fuzzyarm import ArmParameters, EvaluationConfig, SweepConfig, robot_named
 from fuzzyarm.envs.physics.equations import robot_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import DatasetConfig
-from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep._distributions import plant_record
 from fuzzyarm.eval.sweep._episodes import SweepResults
-from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning import _finding as finding
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
@@ -44,9 +39,8 @@ from fuzzyarm.identification.excitation import _Excitation as Excitation
 from fuzzyarm.identification.excitation import rehearsed
 from fuzzyarm.identification.log import Log
 from fuzzyarm.policies.registry import COMPUTED_TORQUE, LAWS
-from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.policies.tip_cells import bounds_of_cells
-from fuzzyarm.policies.tip_files import save_bound, save_cells
+from fuzzyarm.policies.tip_files import save_cells
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
@@ -56,10 +50,7 @@ from fuzzyarm.synthesis import ScheduledSpecification, _scheduled_design, design
 __all__ = ["CANARY", "CONTROLLERS", "no_code_ran", "of_robot", "room", "scratch", "signed"]
 
 PACKAGE = Path(fuzzyarm.__file__).parent
-CONTROLLERS, BUNDLES = (
-    PACKAGE / "fuzzy_policy" / "controllers",
-    PACKAGE / "fuzzy_policy" / "laws" / "learned" / "policies",
-)
+CONTROLLERS, BUNDLES = (PACKAGE / "fuzzy_policy" / folder for folder in ("controllers", "laws/learned/policies"))
 ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
 CANARY = ROOM / "canary"
 _MODULE = "import os\nos.mkdir({!r})\n\ndef make():\n    return None\n"
@@ -97,22 +88,16 @@ def signed(document: dict[str, Any]) -> dict[str, Any]:
     return content | {"digest": digest_of(content)}
 
 
-def _made(make: Callable[[Path], None]) -> Callable[[], Path]:
+def _made(make: Callable[[Path], Any]) -> Callable[[], Path]:
     """A folder that is made once."""
 
     @functools.cache
     def folder() -> Path:
-        made = room() / make.__name__
-        made.mkdir()
+        made = scratch()
         make(made)
         return made
 
     return folder
-
-
-@_made
-def controller(folder: Path) -> None:
-    shutil.copy(CONTROLLERS / "fuzzy-2.json", folder / "controller.json")
 
 
 @functools.cache
@@ -125,9 +110,11 @@ def of_robot() -> ScheduledController:
         return design_scheduled(given, dataclasses.replace(robot, joints=tuple(joints))).controller
 
 
-@_made
-def scheduled(folder: Path) -> None:
-    of_robot().save(folder / "controller.json")
+controller = _made(lambda folder: shutil.copy(CONTROLLERS / "fuzzy-2.json", folder / "controller.json"))
+scheduled = _made(lambda folder: of_robot().save(folder / "controller.json"))
+bundle = _made(lambda folder: shutil.copytree(BUNDLES / "ppo-nominal", folder, dirs_exist_ok=True))
+observer = _made(lambda folder: shutil.copytree(BUNDLES / "learned-observer", folder, dirs_exist_ok=True))
+trained = _made(lambda folder: Training(PPOConfig(**SMALL_TRAINING), folder).run())
 
 
 @_made
@@ -166,8 +153,8 @@ def moved(folder: Path) -> None:
 @_made
 def bounds(folder: Path) -> None:
     """A bound of three samples, and one by two cells."""
-    claim = TipClaim("fuzzy-4-tip", set_name="own", plants=PlantSet(damping=(0.99, 1.01)), steps=3)
-    save_bound(find_bound(claim), folder / "bound.json")
+    claim = fuzzyarm.TipClaim("fuzzy-4-tip", set_name="own", plants=PlantSet(damping=(0.99, 1.01)), steps=3)
+    fuzzyarm.save_bound(fuzzyarm.find_bound(claim), folder / "bound.json")
     cells = [cell for part in bounds_of_cells(claim, [("damping-1", 2)], 1, folder / "cells.json") for cell in part]
     save_cells(claim, cells, folder / "cells.json")
 
@@ -179,28 +166,18 @@ def tuned(folder: Path) -> None:
     arm.write_toml(folder / "robot.toml")
     shutil.copy(CONTROLLERS / "fuzzy-1.json", folder)
     weights = {"observer": dataclasses.asdict(ObserverWeights()), "adaptive": dataclasses.asdict(AdaptiveWeights())}
-    laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
-    (folder / NAME).write_text(laws.to_json())
     digest = robot_of(arm).digest
+    laws = TunedLaws(SCHEMA, digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
+    (folder / NAME).write_text(laws.to_json())
     one = finding.Finding(finding.SCHEMA, digest, COMPUTED_TORQUE, {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One.")
     finding.write_finding(folder, one)
 
 
 @_made
-def bundle(folder: Path) -> None:
-    shutil.copytree(BUNDLES / "ppo-nominal", folder, dirs_exist_ok=True)
-
-
-@_made
-def observer(folder: Path) -> None:
-    shutil.copytree(BUNDLES / "learned-observer", folder, dirs_exist_ok=True)
-
-
-@_made
 def evaluated(folder: Path) -> None:
     """An evaluation without figures. Of a certified policy, a report simulates the proven loop."""
-    done = evaluate(EvaluationConfig(policies=("computed-torque",), cases=("nominal",)))
-    write_results(done, folder)
+    done = fuzzyarm.evaluate(EvaluationConfig(policies=("computed-torque",), cases=("nominal",)))
+    fuzzyarm.write_results(done, folder)
     write_rollouts(done.rollouts, folder)
 
 
@@ -208,23 +185,13 @@ def evaluated(folder: Path) -> None:
 def swept(folder: Path) -> None:
     """A sweep of two chunks, and beside it the summary of one that was never run."""
     config = SweepConfig(policies=("fuzzy-1",), cases=("nominal",), plants=4, chunk=2)
-    for _ in Sweep.begin(folder, config).run(Engine(jobs=1)):
+    for _ in fuzzyarm.Sweep.begin(folder, config).run(fuzzyarm.Engine(jobs=1)):
         pass
-    shape = (1, 1, 4)
-    errors, completed = np.arange(1.0, 5.0).reshape(shape), np.ones(shape, bool)
-    results = SweepResults(
-        np.zeros(4, plant_record(2)), {"max_mm": errors, "rms_mm": errors}, np.ones(shape), completed
-    )
+    errors, ones = np.arange(1.0, 5.0).reshape(1, 1, 4), np.ones((1, 1, 4))
+    results = SweepResults(np.zeros(4, plant_record(2)), {"max_mm": errors, "rms_mm": errors}, ones, ones > 0.0)
     (folder / "sweep.json").write_text(json.dumps(summarise(config, results)), encoding="utf-8")
 
 
 @_made
-def trained(folder: Path) -> None:
-    """A training that is at its end."""
-    Training(PPOConfig(**SMALL_TRAINING), folder).run()
-
-
-@_made
 def recorded(folder: Path) -> None:
-    """A data set of one episode."""
     os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")

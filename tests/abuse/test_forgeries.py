@@ -21,16 +21,14 @@ from hypothesis import strategies as st
 from support.dissipation import excess, scheduled_excess
 from support.shipped import CONTROLLERS
 
+from fuzzyarm import Controller, DesignProblem, Specification, TSModel, design
 from fuzzyarm.cli import main
-from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled_controller import load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.certificate import Certificate, _inequality_name, certify
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
-from fuzzyarm.synthesis import DesignProblem, Specification, design
 from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN
 from fuzzyarm.synthesis._designer import to_controller
 from fuzzyarm.synthesis._expressions import half
@@ -106,22 +104,16 @@ def test_a_claim_that_is_false_is_not_proven(name, forgery, tmp_path, capsys):
 def test_whatever_is_forged_is_true_or_not_proven(data, name, tmp_path_factory):
     """Claims, gains, arm and slack are scaled or pushed, one to three of them; some stay true, most do not."""
     forged = shipped(name)
-    for what in data.draw(
-        st.lists(st.sampled_from(["claim", "claim", "gains", "arm", "slack", "entry"]), min_size=1, max_size=3)
-    ):
+    parts = st.sampled_from(["claim", "claim", "gains", "arm", "slack", "entry"])
+    constants = st.sampled_from(["mass", "inertia", "motor_inertia", "viscous_friction", "velocity_limit"])
+    claims = ["alpha", "gamma", *["fastest_pole"] * (forged.fastest_pole is not None)]
+    for what in data.draw(st.lists(parts, min_size=1, max_size=3)):
         factor = data.draw(NEAR)
-        if what == "claim":
-            field = data.draw(
-                st.sampled_from(["alpha", "gamma", *["fastest_pole"] * (forged.fastest_pole is not None)])
-            )
+        if what in ("claim", "gains"):
+            field = "gains" if what == "gains" else data.draw(st.sampled_from(claims))
             forged = dataclasses.replace(forged, **{field: getattr(forged, field) * factor})
-        elif what == "gains":
-            forged = dataclasses.replace(forged, gains=forged.gains * factor)
         elif what == "arm":
-            field = data.draw(
-                st.sampled_from(["mass", "inertia", "motor_inertia", "viscous_friction", "velocity_limit"])
-            )
-            forged = other_arm(forged, **{field: factor})
+            forged = other_arm(forged, **{data.draw(constants): factor})
         else:
             field = data.draw(st.sampled_from([one for one in SLACK if getattr(forged, one) is not None]))
             array = np.array(getattr(forged, field))

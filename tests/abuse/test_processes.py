@@ -51,9 +51,7 @@ COMMANDS = {
     "prove by cells": [*PROVE, "--set", "set.toml", "--cells", "damping-1", "2", "--out", "out/cells.json"],
     "dataset": ["dataset", "--level", "medium", "--episodes", "1", "--out", "out"],
     "linearise": ["linearise", "fuzzy-1", "--out", "out"],
-    "export c": ["export", "c", "fuzzy-1", "--out", "out"],
-    "export fmu": ["export", "fmu", "fuzzy-1", "--out", "out"],
-    "export onnx": ["export", "onnx", "fuzzy-1", "--out", "out"],
+    **{f"export {kind}": ["export", kind, "fuzzy-1", "--out", "out"] for kind in ("c", "fmu", "onnx")},
     "identify": ["identify", "log.csv", "--out", "out/arm.toml", "--figure", "out/figure.png"],
 }  # fmt: skip
 NEW = ("sweep", "train", "tune")  # which want a new folder
@@ -123,19 +121,16 @@ def _command(words: list[str], folder: str, how: dict[str, Any]) -> None:
 def _counted(folder: str, at: int, number: int) -> list[int]:
     """Count what touches the disk in a folder; before the one of a number the process gets a signal."""
     count = [0]
-    here = os.path.realpath(folder)
+    out = os.path.join(os.path.realpath(folder), "out")
 
     def touched(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
-            name, _, flags = arguments
-            if isinstance(name, int) or not (flags & WRITING):
+            if not arguments[2] & WRITING:
                 return
         elif event not in ("os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.link", "os.truncate"):
             return
         name = arguments[1] if event == "os.rename" else arguments[0]
-        if isinstance(name, bytes | str | os.PathLike) and os.path.realpath(os.fsdecode(name)).startswith(
-            f"{here}/out"
-        ):
+        if isinstance(name, bytes | str | os.PathLike) and os.path.realpath(os.fsdecode(name)).startswith(out):
             count[0] += 1
             if count[0] == at + 1:
                 os.kill(os.getpid(), number)
@@ -152,19 +147,15 @@ def _stand_ins() -> None:
     from fuzzyarm.eval.tuning import run
     from fuzzyarm.identification import _two_joints
 
-    def step(policy: str, chosen: dict[str, float]) -> Any:
-        def find(context: Any) -> Any:
-            return search.Found(chosen, {}, {"nominal": 0.9}, 1)
+    def step(policy: str, chosen: Any) -> Any:
+        return steps.TuningStep(policy, 1, lambda context: search.Found(chosen, {}, {"nominal": 0.9}, 1))
 
-        return steps.TuningStep(policy, 1, find)
-
-    run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
+    run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))
     linearisation.POSTURES = 2
     _two_joints._STEPS = _two_joints._ELASTIC_STEPS = _two_joints._MORE_STEPS = 1
 
 
 def begun(name: str) -> Path:
-    """Return a folder in which a command can be run."""
     folder = scratch()
     if name not in NEW:
         (folder / "out").mkdir()
@@ -187,7 +178,6 @@ def uninterrupted(name: str) -> tuple[int, Path]:
 
 
 def check_errors(code: int, err: str) -> None:
-    """Check an exit code and what was written to standard error."""
     if code not in CODES:
         raise Broken(f"exit code {code}: {err[-300:]!r}")
     if "Traceback" in err or "Error:" in err.split("\n")[-1]:
@@ -221,10 +211,8 @@ def _check_file(path: Path) -> None:
                 assert archive.testzip() is None
         case ".png":
             assert data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
-        case ".svg":
-            assert data.rstrip().endswith(b"</svg>")
-        case ".html":
-            assert data.rstrip().endswith(b"</html>")
+        case ".svg" | ".html":
+            assert data.rstrip().endswith(f"</{path.suffix[1:]}>".encode())
         case ".csv":
             rows = list(csv.reader(io.StringIO(data.decode())))
             assert data.endswith(b"\n") and len({len(row) for row in rows}) == 1
@@ -245,13 +233,11 @@ def names(folder: Path) -> set[str]:
 def results(folder: Path) -> dict[str, Any]:
     """Return what has to be the same in every run: everything but times and what holds them."""
     found: dict[str, Any] = {}
-    for pattern in ("chunks/*.npz", "curve.csv", "policy/*", "laws.json", "steps/*.json"):
-        for path in sorted(folder.glob(pattern)):
-            key, data = str(path.relative_to(folder)), path.read_bytes()
-            if path.suffix == ".npz":
-                with np.load(io.BytesIO(data)) as file:  # seconds of the episodes differ from run to run
-                    data = {one: file[one].tobytes() for one in file.files if one != "seconds"}  # type: ignore[assignment]
-            found[key] = data
+    for pattern in ("curve.csv", "policy/*", "laws.json", "steps/*.json"):
+        found |= {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob(pattern)}
+    for path in folder.glob("chunks/*.npz"):
+        with np.load(path) as file:  # seconds of the episodes differ from run to run
+            found[path.name] = {one: file[one].tobytes() for one in file.files if one != "seconds"}
     return found
 
 
@@ -308,8 +294,7 @@ def test_a_full_disk_leaves_whole_files_and_no_success(name):
     _, whole = uninterrupted(name)
     folder = begun(name)
     run = Run(COMMANDS[name], folder, largest=FULL)
-    code = run.wait()
-    check_errors(code, run.err)
+    check_errors(code := run.wait(), run.err)
     check_whole(folder)
     missing = names(whole / "out") - names(folder / "out")
     assert code != 0 or not missing, f"exit code 0 without {sorted(missing)}"
@@ -319,16 +304,13 @@ def test_a_full_disk_leaves_whole_files_and_no_success(name):
 def test_two_processes_in_one_folder_make_what_one_makes_or_one_says_so(name):
     _, whole = uninterrupted(name)
     folder = begun(name)
-    runs = []
-    for number in range(2):
-        beside = folder if number == 0 else scratch()
-        if number:
-            for path in folder.iterdir():
-                (beside / path.name).symlink_to(path)
-            if not (beside / "out").exists():
-                (beside / "out").symlink_to(folder / "out")
-                (folder / "out").mkdir(exist_ok=True)
-        runs.append(Run(COMMANDS[name], beside))
+    runs, beside = [Run(COMMANDS[name], folder)], scratch()
+    for path in folder.iterdir():
+        (beside / path.name).symlink_to(path)
+    if not (beside / "out").exists():
+        (beside / "out").symlink_to(folder / "out")
+        (folder / "out").mkdir(exist_ok=True)
+    runs.append(Run(COMMANDS[name], beside))
     codes = [run.wait() for run in runs]
     for code, run in zip(codes, runs, strict=True):
         assert code in (0, 2), f"exit code {code}: {run.err[-300:]!r}"

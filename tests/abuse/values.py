@@ -37,7 +37,6 @@ hostile = st.one_of(
 
 @st.composite
 def near(draw: Any, valid: float) -> Any:
-    """A number near a valid one, or not far from it."""
     if isinstance(valid, int) and draw(st.booleans()):
         return valid + draw(st.integers(-3, 3))
     scaled = [factor * valid for factor in (-1.0, 10.0, 0.1, 1e3, 1e-6)]

@@ -15,11 +15,6 @@ STORED, MARGINS = (
 )
 
 
-def table(module, document):
-    """Return the section of a comparison."""
-    return module("tables_comparison").COMPARISON["comparison"].text({"comparison": document, "margins": MARGINS}.get)
-
-
 def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_found(module):
     known = module("compared_policies").POLICIES
     assert list(known) == [row["name"] for row in STORED["rows"]]
@@ -40,7 +35,8 @@ def test_stable_conditions_are_counted_and_a_policy_without_margins_says_so(modu
 @pytest.mark.parametrize("seeds", [0, 5])
 def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module):
     rows = [row | ({"seeds": seeds} if row["name"] == "learned-observer" else {}) for row in STORED["rows"]]
-    text = table(module, STORED | {"rows": rows})
+    documents = {"comparison": STORED | {"rows": rows}, "margins": MARGINS}
+    text = module("tables_comparison").COMPARISON["comparison"].text(documents.get)
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
 
 

@@ -4,12 +4,13 @@ import dataclasses
 import json
 import math
 
+import learned_comparison as comparison
+import learned_tasks as tasks
 import numpy as np
 import pytest
 from support import bundles
 
-from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
@@ -17,16 +18,6 @@ from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 # A good law with a few random newton metres stays on the path; almost without torque the arm hangs and swings, a metre
 # from the path and well within the joint limits.
 GENTLE, IDLE = ActionDefinition(scale=(1e-4, 1e-4), base="fuzzy-4-tip"), ActionDefinition(scale=(1e-6, 1e-6))
-
-
-@pytest.fixture
-def comparison(module):
-    return module("learned_comparison")
-
-
-@pytest.fixture
-def tasks(module):
-    return module("learned_tasks")
 
 
 def decaying(factor, count=100):
@@ -38,14 +29,8 @@ def decaying(factor, count=100):
 def finished_run(folder, seed, action=GENTLE, **training):
     """Write those files of a training that the comparison reads."""
     folder.mkdir(parents=True)
-    recorded = {
-        "distribution": "robust",
-        "steps": 100,
-        "steps_done": 128,
-        "seed": seed,
-        "threads": seed + 1,
-        **training,
-    }
+    recorded = {"distribution": "robust", "steps": 100, "steps_done": 128, "seed": seed, "threads": seed + 1}
+    recorded |= training
     made = dataclasses.replace(bundles.bundle(action, seed), seed=seed, training=recorded, curve=decaying(0.99))
     made.save(folder / "policy")
     (folder / "run.json").write_text(json.dumps({"wall_time_s": 100.0 + seed}))
@@ -66,7 +51,7 @@ def over_cases(seed, *rms, failed=()):
     ("distance", "completed", "expected"),
     [(99.9, True, None), (100.1, True, ("lost the path", 700)), (0.0, False, ("ended early", 1499))],
 )
-def test_failure_is_to_end_early_or_to_be_100_mm_off(tasks, distance, completed, expected):
+def test_failure_is_to_end_early_or_to_be_100_mm_off(distance, completed, expected):
     run = tasks.episode(load_policy("fuzzy-4-tip"), "good", tasks.TASKS["nominal"])
     error = run.tip_error.copy()
     error[700:800] = 1e-3 * distance
@@ -75,12 +60,12 @@ def test_failure_is_to_end_early_or_to_be_100_mm_off(tasks, distance, completed,
 
 @pytest.mark.parametrize("distribution", ["nominal", "robust"])
 @pytest.mark.parametrize("count", [10, 1000])
-def test_plateau_of_an_exponential_is_a_power_of_its_factor(comparison, distribution, count):
+def test_plateau_of_an_exponential_is_a_power_of_its_factor(distribution, count):
     """Errors c^k at k = 1 to n: both windows have n/10 terms, and one is the other times c^(n/10)."""
     assert comparison.plateau(decaying(0.9 ** (10.0 / count), count), distribution) == pytest.approx(0.9, rel=1e-9)
 
 
-def test_plateau_is_of_the_judged_cases_and_needs_both_tenths(comparison):
+def test_plateau_is_of_the_judged_cases_and_needs_both_tenths():
     keys = "steps", "nominal_rms_mm", "machining_rms_mm", "payload_rms_mm"
     values = [(50, 1e6, 1e6, 1e6), (80, 1e6, 1e6, 1e6), (85, 4.0, 1.0, 2.0), (90, 2.0, 3.0, 6.0), (100, 1.5, 7.0, 0.5)]
     curve = [dict(zip(keys, row, strict=True)) for row in values]
@@ -92,7 +77,7 @@ def test_plateau_is_of_the_judged_cases_and_needs_both_tenths(comparison):
     assert comparison.plateau(decaying(0.9, 4), "robust") is None
 
 
-def test_errors_are_of_the_middle_seeds_and_failed_episodes_are_counted_and_not_averaged(comparison):
+def test_errors_are_of_the_middle_seeds_and_failed_episodes_are_counted_and_not_averaged():
     (row,) = comparison.summarised([record(seed, rms) for seed, rms in enumerate((9.0, 1.0, 2.0, 3.0, 400.0))])
     assert row["tip_error_rms_mm"]["mean"] == pytest.approx(14.0 / 3.0)
     assert row["tip_error_max_mm"]["mean"] == pytest.approx(28.0 / 3.0)
@@ -106,7 +91,7 @@ def test_errors_are_of_the_middle_seeds_and_failed_episodes_are_counted_and_not_
     assert (row["failed"], row["tip_error_rms_mm"], row["tip_error_max_mm"]) == (2, None, None)
 
 
-def test_seeds_are_judged_as_the_training_judges_and_one_that_failed_there_comes_last(comparison):
+def test_seeds_are_judged_as_the_training_judges_and_one_that_failed_there_comes_last():
     records = [*over_cases(0, 1.0, 2.0, 6.0, failed=("payload",)), *over_cases(1, 2.0, 1.0, 1.5)]
     records += [record(0, 99.0, "fast", "ended early"), record(1, 0.0, "fast")]  # not evaluated
     assert comparison.scores(records, "nominal") == {0: 1.0, 1: 2.0}
@@ -124,11 +109,11 @@ def test_seeds_are_judged_as_the_training_judges_and_one_that_failed_there_comes
         ({0: math.inf, 1: 1.0, 2: math.inf}, 0),  # most failed: so does the median
     ],
 )
-def test_median_seed(comparison, score, median):
+def test_median_seed(score, median):
     assert comparison.median_seed(score) == comparison.median_seed(dict(reversed(score.items()))) == median
 
 
-def test_tasks_are_what_their_titles_say(tasks):
+def test_tasks_are_what_their_titles_say():
     reach, center, found = sum(ArmParameters().length), np.array([0.35, 0.65]), {}
     for name, task in tasks.TASKS.items():
         duration = task.reference.duration
@@ -149,17 +134,14 @@ def test_tasks_are_what_their_titles_say(tasks):
 
 
 @pytest.fixture
-def folder(comparison, tmp_path, monkeypatch):
-    """An empty folder of trainings."""
+def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(comparison, "ROOT", tmp_path)
     monkeypatch.setattr(comparison, "LEARNED", tmp_path / "learned")
     return tmp_path / "learned"
 
 
 @pytest.mark.slow
-def test_document_holds_every_episode_and_its_errors_are_those_of_the_batched_evaluation(
-    comparison, folder, monkeypatch
-):
+def test_document_holds_every_episode_and_its_errors_are_those_of_the_batched_evaluation(folder, monkeypatch):
     """An idle arm loses the path within the box: its episodes last to the end and still are among the failures."""
     monkeypatch.setattr(comparison, "MODEL_BASED", ("fuzzy-4-tip",))
     for name in ("my-ppo-1", "my-ppo-0"):
@@ -193,7 +175,7 @@ def test_document_holds_every_episode_and_its_errors_are_those_of_the_batched_ev
         ({"a-0": {}, "a-1": {"base": "fuzzy-1"}}, "the settings of its seeds differ"),
     ],
 )
-def test_trainings_that_are_not_seeds_of_one_configuration_are_refused(comparison, folder, runs, message):
+def test_trainings_that_are_not_seeds_of_one_configuration_are_refused(folder, runs, message):
     for name, training in runs.items():
         finished_run(folder / name, **{"seed": int(name[-1]), **training})
     with pytest.raises(ValueError, match=message):

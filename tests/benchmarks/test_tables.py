@@ -53,6 +53,7 @@ def bound(policy, name, millimetres, payload=0.0, **others):
 
 
 EXACT, NEAR = bound("a", "table-1", 0.00226), bound("a", "near", 0.6747)
+OTHERS = {"proven": False}, {"case": "payload"}, {"path": "lemniscate"}, {"duration": 1.2}, {"policy": "b"}
 LOADS = [bound("a", f"payload 0 to {load:g} kg", load, load) for load in (5.0, 0.2)]
 
 
@@ -68,16 +69,7 @@ LOADS = [bound("a", f"payload 0 to {load:g} kg", load, load) for load in (5.0, 0
             "tip within 0.68 mm (near), 0.97 mm (any friction), 5 mm (payload 0 to 5 kg)",
         ),
         ((NEAR,), "For the rigid arm ...", "rigid arm; tip within 0.68 mm (near)"),
-        *(
-            ((NEAR | other,), None, "no")
-            for other in (
-                {"proven": False},
-                {"case": "payload"},
-                {"path": "lemniscate"},
-                {"duration": 1.2},
-                {"policy": "b"},
-            )
-        ),
+        *(((NEAR | other,), None, "no") for other in OTHERS),
     ],
 )
 def test_proofs_of_the_circle_are_shown_and_the_bound_of_one_arm_is_labelled_or_left_out(

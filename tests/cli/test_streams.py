@@ -6,9 +6,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import pytest
 from slow_twins import slow_but
+from support.command_line import printed, refused
 from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
@@ -43,8 +45,7 @@ BAD = [["fly"]]
 def evaluated(tmp_path_factory):
     """A folder with a small evaluation."""
     folder = tmp_path_factory.mktemp("streams") / "evaluated"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+    with mock.patch("fuzzyarm.eval.evaluation.figures.write_figures", return_value=[]):
         assert main(["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", str(folder)]) == 0
     return folder
 
@@ -56,13 +57,11 @@ def folder(tmp_path, evaluated):
     return tmp_path
 
 
-def shell(folder, words, redirected="", **environment):
+def shell(folder, words, redirected=""):
     """Run the command in a shell with redirections; return the exit code, and standard output and error as bytes."""
-    command = f'exec "$0" -m fuzzyarm "$@" {redirected}'
-    environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **os.environ, **environment}
-    done = subprocess.run(
-        ["bash", "-c", command, sys.executable, *words], cwd=folder, env=environment, capture_output=True
-    )
+    command = ["bash", "-c", f'exec "$0" -m fuzzyarm "$@" {redirected}', sys.executable, *words]
+    environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **os.environ}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -79,8 +78,7 @@ def test_a_closed_standard_output_is_refused_before_anything_is_done(folder, wor
 def test_a_full_standard_output_is_one_line_and_no_success(folder, words):
     code, _, err = shell(folder, words, ">/dev/full")
     name = " ".join(["fuzzyarm", *(words[:1] if words[0] in NAMES else [])])
-    assert code == 2
-    assert err.decode().splitlines()[-1] == f"{name}: standard output: No space left on device"
+    assert code == 2 and err.decode().splitlines()[-1] == f"{name}: standard output: No space left on device"
     assert b"Traceback" not in err and b"Exception" not in err
 
 
@@ -94,7 +92,6 @@ def test_without_standard_error_the_exit_code_and_the_output_are_the_same(folder
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", ["<&- 2>&-", "2>&-"])
 def test_a_file_never_gets_the_number_of_a_closed_stream(folder, closed):
-    """Or what is printed to standard error would go into it."""
     code, _, _ = shell(folder, ["report", "evaluated", "--out", "page.html"], closed)
     assert code == 0 and (folder / "page.html").read_bytes().startswith(b"<!doctype html>")
 
@@ -119,20 +116,16 @@ HOSTILE = "\x1b[31mred\x1b[0m\x07\x9b2J\u202e.json"
 )
 def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path, monkeypatch, capsys, words):
     monkeypatch.chdir(tmp_path)
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1
-    assert all(letter.isprintable() for letter in err[:-1])
+    assert refused(capsys, *words)[:-1].isprintable()
 
 
 def test_a_name_that_exists_is_escaped_too(tmp_path, capsys):
     path = tmp_path / "\x1b[31m\nfuzzy-4.json: PROVEN.json"
     path.write_bytes(Path(CONTROLLER).read_bytes())
-    assert main(["verify", str(path)]) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, "verify", path)
     assert "\x1b" not in out and r"\x1b[31m\nfuzzy-4.json: PROVEN.json: PROVEN" in out
-    assert main(["evaluate", "--policy", str(path), "--out", str(tmp_path / "out")]) == 2
-    assert "cannot be printed; rename the file" in capsys.readouterr().err
+    error = refused(capsys, "evaluate", "--policy", path, "--out", tmp_path / "out")
+    assert "cannot be printed; rename the file" in error
 
 
 def test_what_is_printed_as_json_is_json_in_ascii(tmp_path, monkeypatch):

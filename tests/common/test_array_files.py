@@ -38,11 +38,16 @@ def header(shape, descr="<f8"):
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text) + 1) + text + b"\n"
 
 
-def archive(content, name="a.npy", compression=zipfile.ZIP_STORED):
+def archive(content, *names, compression=zipfile.ZIP_STORED):
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", compression) as file:
-        file.writestr(name, content)
+        for name in names or ("a.npy",):
+            file.writestr(name, content)
     return out.getvalue()
+
+
+PLAIN = archive(header((2,)) + bytes(16))
+TWICE = archive(header((2,)) + bytes(16), "a.npy", "b.npy").replace(b"b.npy", b"a.npy")
 
 
 def patched(data, offset_local, offset_central, value):
@@ -54,18 +59,6 @@ def patched(data, offset_local, offset_central, value):
     return bytes(data)
 
 
-def plain():
-    return archive(header((2,)) + bytes(16))
-
-
-def plain_twice():
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as file:
-        for name in ("a.npy", "b.npy"):
-            file.writestr(name, header((2,)) + bytes(16))
-    return out.getvalue().replace(b"b.npy", b"a.npy")
-
-
 def lying_size():
     """A member that unpacks to 100 MB and states 144 bytes."""
     data = bytearray(archive(header((2,)) + bytes(10**8), compression=zipfile.ZIP_DEFLATED))
@@ -74,8 +67,8 @@ def lying_size():
 
 
 BAD = {
-    "encrypted": (lambda: patched(plain(), 6, 8, 1), "is encrypted"),
-    "unknown compression": (lambda: patched(plain(), 8, 10, 99), "unknown method 99"),
+    "encrypted": (lambda: patched(PLAIN, 6, 8, 1), "is encrypted"),
+    "unknown compression": (lambda: patched(PLAIN, 8, 10, 99), "unsupported compression method 99"),
     "a shape of ten trillions": (lambda: archive(header((10**13,)) + bytes(16)), "has 16 bytes; needed: "),
     "a shape beyond all numbers": (lambda: archive(header((10**400, 0))), "damaged"),
     "a negative shape": (lambda: archive(header((-2, -1)) + bytes(16)), "has 16 bytes; needed: "),
@@ -86,11 +79,11 @@ BAD = {
     "nothing": (lambda: b"", "too short"),
     "a bomb": (lambda: archive(bytes(10**9), compression=zipfile.ZIP_DEFLATED), "arrays unpack to 1000000000"),
     "a bomb that lies": (lying_size, "damaged"),
-    "a name twice": (plain_twice, "two of its entries have the same name"),
-    "a program": (lambda: archive(b"import os", name="a.py"), "'a.py' is not an array"),
+    "a name twice": (lambda: TWICE, "two of its entries have the same name"),
+    "a program": (lambda: archive(b"import os", "a.py"), "'a.py' is not an array"),
     "a deep header": (lambda: archive(b"\x93NUMPY\x01\x00" + struct.pack("<H", 9000) + b"(" * 9000), "damaged"),
     "another version": (lambda: archive(b"\x93NUMPY\x03\x00" + bytes(20)), "must be in version 1.0 of the .npy format"),
-    "a far directory": (lambda: plain()[:-22] + struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 1, 1, 2**31, 0, 0), "damaged"),
+    "a far directory": (lambda: PLAIN[:-22] + struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 1, 1, 2**31, 0, 0), "damaged"),
 }
 
 

@@ -6,6 +6,7 @@ import io
 import os
 import stat
 import subprocess
+from unittest import mock
 
 import pytest
 from support.processes import running
@@ -78,11 +79,7 @@ def test_a_folder_is_locked_for_others_until_its_process_is_dead(tmp_path):
 def test_whatever_fails_the_old_file_stays_and_nothing_is_left(tmp_path, monkeypatch, step, error):
     path = tmp_path / "file"
     path.write_text("old")
-
-    def fail(*_, **__):
-        raise error(28, "No space left on device")
-
-    monkeypatch.setattr(os, step, fail)
+    monkeypatch.setattr(os, step, mock.Mock(side_effect=error(28, "No space left on device")))
     with pytest.raises(error) as raised:
         write_atomically(path, "new")
     monkeypatch.undo()

@@ -23,7 +23,6 @@ def tab():
 
 
 def test_every_page_opens(site, tab):
-    """Load each page once, then show it at both sizes and in both colour schemes."""
     for page in sorted(site.rglob("*.html")):
         name = page.relative_to(site)
         tab.open(page)

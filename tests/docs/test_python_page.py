@@ -7,6 +7,7 @@ import shlex
 
 import numpy as np
 import pytest
+from support.command_line import printed
 from support.documentation import ROOT
 
 import fuzzyarm
@@ -27,12 +28,9 @@ def command(name):
     return shlex.split(line)[1:]
 
 
-def test_every_command_stands_on_the_page():
+def test_every_command_stands_on_the_page_and_the_names_are_public():
     assert set(PARTS) == {name for commands in GROUPS.values() for name in commands}
     assert all(command(name)[0] == name and len(code(part)) == 1 for name, part in PARTS.items())
-
-
-def test_names_on_the_page_are_public():
     imported = [node for block in code(TEXT) for node in ast.walk(ast.parse(block)) if isinstance(node, ast.ImportFrom)]
     names = {alias.name for node in imported if node.module == "fuzzyarm" for alias in node.names}
     assert len(names) > 10 and names <= set(fuzzyarm.__all__)
@@ -53,23 +51,13 @@ def done(tmp_path_factory):
     return names, *folders
 
 
-def printed(name, folder, monkeypatch, capsys):
-    """What a command prints as JSON."""
-    monkeypatch.chdir(folder)
-    capsys.readouterr()
-    assert main([*command(name), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.slow
 def test_lines_and_commands_write_the_same_files(done):
     names, lines, commands = done
     first, second = (Controller.load(folder / "one.json") for folder in (lines, commands))
     assert np.array_equal(first.gains, second.gains) and np.array_equal(names["made"].controller.gains, first.gains)
-    rows, others = (
-        json.loads((folder / "results/results.json").read_text())["results"] for folder in (lines, commands)
-    )
-    for row, other in zip(rows, others, strict=True):
+    found = (json.loads((folder / "results/results.json").read_text())["results"] for folder in (lines, commands))
+    for row, other in zip(*found, strict=True):
         assert {**row, "predict_us": 0} == {**other, "predict_us": 0}
     assert (lines / "results/report.html").is_file() and (commands / "results/report.html").is_file()
     for file in ("one.h", "one.c", "one_vectors.csv"):
@@ -81,13 +69,14 @@ def test_lines_and_commands_write_the_same_files(done):
 @pytest.mark.slow
 def test_lines_and_commands_print_the_same_numbers(done, monkeypatch, capsys):
     names, lines, commands = done
-    (verified,) = printed("verify", lines, monkeypatch, capsys)
+    monkeypatch.chdir(lines)
+    (verified,), sheet, margins = (
+        json.loads(printed(capsys, *command(name), "--json")) for name in ("verify", "show", "margins")
+    )
     assert verified["margin"] == names["check"].certificate.proof_margin and verified["proven"]
-    assert printed("show", lines, monkeypatch, capsys) == names["sheet"].to_dict()
-    assert printed("margins", lines, monkeypatch, capsys)["rows"] == names["document"]["rows"]
+    assert sheet == names["sheet"].to_dict() and margins["rows"] == names["document"]["rows"]
     monkeypatch.chdir(commands)
-    assert main(command("leaderboard")) == 0
-    assert all(standing.policy in capsys.readouterr().out for standing in [names["standing"]])
+    assert names["standing"].policy in printed(capsys, *command("leaderboard"))
 
 
 @pytest.mark.slow
@@ -98,17 +87,17 @@ def test_what_the_page_does_not_execute_runs_as_well(name, tmp_path, monkeypatch
         folder.mkdir()
     monkeypatch.chdir(folders[0])
     exec(compile("\n".join(code(PARTS[name])), "python.md", "exec"), names)
+    monkeypatch.chdir(folders[1])
     match name:
         case "paper":
             assert names["comparison"].drifted == []
         case "bench":
             assert names["document"]["rows"]
-        case _:
-            monkeypatch.chdir(folders[1])
+        case "sweep":
             assert main(command(name)) == 0
-    if name == "sweep":
-        rows, others = (json.loads((folder / "plants/sweep.json").read_text())["rows"] for folder in folders)
-        assert rows == others
-    if name == "train":
-        first, second = ((folder / "training/policy/weights.safetensors").read_bytes() for folder in folders)
-        assert first == second
+            rows, others = (json.loads((folder / "plants/sweep.json").read_text())["rows"] for folder in folders)
+            assert rows == others
+        case "train":
+            assert main(command(name)) == 0
+            first, second = ((folder / "training/policy/weights.safetensors").read_bytes() for folder in folders)
+            assert first == second

@@ -1,26 +1,36 @@
-"""``FuzzyArm-v0`` from a user's view: the Gymnasium contract, seeds, info, reward, episode ends and messages."""
+"""``FuzzyArm-v0`` from a user's view: the Gymnasium contract and tools, seeds, info, reward, ends and messages."""
 
+import contextlib
 import copy
 import dataclasses
 import re
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import wrappers
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction
-from support.results import identical
+from support.batches import SHORT
+from support.randomisation import ROBUST
+from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy  # registers FuzzyArm-v0
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_position
+from fuzzyarm.envs.physics.dynamics import Payload, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
@@ -31,22 +41,14 @@ DOCUMENTED = re.findall(r"`(\w+)`", FuzzyArmEnv.__doc__.split("## Info")[1].spli
 SHAPES = {name: (2,) if name in VECTORS else () for name in DOCUMENTED}
 
 
-def computed_torque(observation):
-    """Rigid inverse dynamics with the motors' inertia, plus a stiff PD on the motor side."""
-    q, dq, q_d, dq_d, ddq_d = observation.reshape(5, 2)
-    ddq = ddq_d + 400.0 * (q_d - q) + 40.0 * (dq_d - dq)
-    return rigid_inverse_dynamics(q, dq, ddq, arm_constants(TABLE_1)) + np.array(TABLE_1.motor_inertia) * ddq
-
-
-def follow(env, steps=10_000, **reset):
-    """Yield (observation, reward, terminated, truncated, info) under computed torque, at most `steps` of them."""
-    observation, _ = env.reset(**reset)
-    for _ in range(steps):
-        result = env.step(computed_torque(observation))
-        yield result
-        if result[2] or result[3]:
-            return
-        observation = result[0]
+def follow(env):
+    policy, state, results = load_policy("computed-torque", control_period=env.control_period), None, []
+    observation, _ = env.reset(seed=0)
+    while not results or not any(results[-1][2:4]):
+        torque, state = policy.predict(observation, state)
+        results.append(env.step(torque))
+        observation = results[-1][0]
+    return results
 
 
 def play(env, torques, **reset):
@@ -54,21 +56,13 @@ def play(env, torques, **reset):
     observation, info = env.reset(**reset)
     yield observation, 0.0, False, False, info
     for torque in torques:
-        result = env.step(torque)
-        yield result
+        yield (result := env.step(torque))
         if result[2] or result[3]:
             return
 
 
 def random_torques(seed, steps=400, scale=1.0):
-    """Torques anywhere in the action space."""
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, 2)) * scale * np.array(TABLE_1.torque_limit)
-
-
-@pytest.fixture(scope="module")
-def tracked():
-    """The whole nominal episode under computed torque."""
-    return list(follow(FuzzyArmEnv(), seed=0))
 
 
 def test_stable_baselines_checker_has_one_wish_and_rescaled_actions_grant_it():
@@ -108,28 +102,13 @@ def test_spaces_have_the_documented_bounds_and_another_arm_its_own():
         assert info["torque_clipped"]
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_every_observation_lies_in_its_space_to_the_end(seed):
-    env = FuzzyArmEnv(disturbance=Disturbance(encoder_noise=EncoderNoise(position=3.0, velocity=100.0)))
-    corner = np.sign(random_torques(seed, 1)) * TABLE_1.torque_limit
-    *_, last = steps = list(play(env, np.repeat(corner, 3000, axis=0), seed=seed))
-    assert last[2]  # full torque throws the arm out of the box
-    assert all(step[0].dtype == np.float64 and env.observation_space.contains(step[0]) for step in steps)
-
-
-def test_observation_is_the_motor_side_and_the_reference_at_the_same_instant(tracked):
-    samples = np.hstack(JointReference().sample(np.array([step[-1]["time"] for step in tracked])))
-    for (observation, *_, info), sample in zip(tracked, samples, strict=True):
-        assert observation[:4].tolist() == [*info["q_motor"], *info["dq_motor"]]
-        np.testing.assert_allclose(observation[4:], sample, rtol=0.0, atol=1e-12)
-
-
 def test_info_has_the_documented_keys_shapes_and_types_at_reset_and_every_step():
     assert len(DOCUMENTED) == 17 and set(VECTORS) < set(DOCUMENTED)
     _, start = FuzzyArmEnv(case="machining").reset()
     assert start["time"] == 0.0 and start["tip_error"] < 1e-15 and start["in_domain"]
     assert not start["torque"].any() and not start["external_force"].any()
-    for _, *results, info in play(FuzzyArmEnv(case="machining"), random_torques(0, 30), seed=0):
+    for observation, *results, info in play(FuzzyArmEnv(case="machining"), random_torques(0, 30), seed=0):
+        assert observation.dtype == np.float64 and type(observation) is np.ndarray
         assert {key: np.shape(value) for key, value in info.items()} == SHAPES
         assert all(type(info[key]) in (float, bool) for key, shape in SHAPES.items() if shape == ())
         assert [type(value) for value in results] == [float, bool, bool]
@@ -146,22 +125,31 @@ def test_the_plant_shares_no_memory_with_what_it_returned():
     assert all(identical(first, second) for first, second in zip(kept, copies, strict=True))
 
 
-def test_tip_and_errors_follow_from_the_angles_in_info(tracked):
-    center, radius = np.array(Circle().center), Circle().radius
-    infos = [step[-1] for step in tracked]
-    signal = {key: np.array([info[key] for info in infos]) for key in SHAPES}
+def test_an_episode_has_1500_steps_whose_observations_and_errors_follow_from_angles_and_reference():
+    tracked = follow(FuzzyArmEnv())
+    assert [step[2] for step in tracked] == [False] * 1500
+    assert [step[3] for step in tracked] == [False] * 1499 + [True]
+    assert tracked[-1][-1]["time"] == 1.5 and "reason" not in tracked[-1][-1]
+    rewards = np.array([step[1] for step in tracked])
+    assert rewards.min() > 0.5 and rewards.max() < 1.0  # of a good controller
+    signal = {key: np.array([step[-1][key] for step in tracked]) for key in SHAPES}
+    observations, reference = np.array([step[0] for step in tracked]), JointReference()
+    np.testing.assert_array_equal(observations[:, :4], np.hstack([signal["q_motor"], signal["dq_motor"]]))
+    sample = np.hstack(reference.sample(signal["time"]))
+    np.testing.assert_allclose(observations[:, 4:], sample, rtol=0.0, atol=1e-12)
     link_tip, motor_tip = (tip_position(signal[key], TABLE_1.length) for key in ("q_link", "q_motor"))
-    reference_tip = JointReference().tip(signal["time"]).position
+    reference_tip, circle = reference.tip(signal["time"]).position, reference.path
     expected = {
         "tip": link_tip,
         "tip_reference": reference_tip,
         "tip_error": np.linalg.norm(link_tip - reference_tip, axis=-1),
-        "circularity_error": np.linalg.norm(link_tip - center, axis=-1) - radius,
-        "circularity_error_motor": np.linalg.norm(motor_tip - center, axis=-1) - radius,
+        "circularity_error": np.linalg.norm(link_tip - circle.center, axis=-1) - circle.radius,
+        "circularity_error_motor": np.linalg.norm(motor_tip - circle.center, axis=-1) - circle.radius,
     }
     for key, value in expected.items():
         np.testing.assert_allclose(signal[key], value, rtol=0.0, atol=1e-13, err_msg=key)
     assert np.ptp(signal["circularity_error"] - signal["circularity_error_motor"]) > 1e-4  # the joints bend
+    assert signal["tip_error"].max() < 5e-3
 
 
 def test_reward_is_the_documented_formula():
@@ -195,15 +183,6 @@ def test_episodes_follow_from_the_seed_alone_and_leave_the_global_generator_alon
     assert not np.array_equal(found[0][1], starts(np.random.default_rng(2)))
 
 
-def test_truncated_after_exactly_1500_steps(tracked):
-    assert [step[2] for step in tracked] == [False] * 1500
-    assert [step[3] for step in tracked] == [False] * 1499 + [True]
-    assert tracked[-1][-1]["time"] == 1.5 and "reason" not in tracked[-1][-1]
-    assert max(step[-1]["tip_error"] for step in tracked) < 5e-3
-    rewards = np.array([step[1] for step in tracked])
-    assert rewards.min() > 0.5 and rewards.max() < 1.0  # of a good controller
-
-
 STILL = np.array([0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0])
 LEAVING = {
     "angle": (np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0], (0.0, 0.0)),
@@ -218,47 +197,32 @@ LEAVING = {
 def test_leaving_the_joint_box_terminates_with_the_reason(way):
     state, torque = LEAVING[way]
     env = FuzzyArmEnv()
-    *before, last = list(play(env, [torque] * 1000, options={"initial_state": state}))
+    *before, last = play(env, [torque] * 1000, options={"initial_state": state})
     observation, reward, terminated, truncated, info = last
-    q = np.abs([info["q_motor"], info["q_link"]]).max()
-    dq = np.abs([info["dq_motor"], info["dq_link"]]).max()
+    q, dq = (np.abs([info[f"{name}_motor"], info[f"{name}_link"]]).max() for name in ("q", "dq"))
     assert (terminated, truncated, info["in_domain"]) == (True, False, False)
     assert q > np.pi or dq > 15.0
     assert ("angle" in way) <= (q > np.pi) and ("velocity" in way) <= (dq > 15.0)
-    left = "angle" if q > np.pi else "velocity"
-    assert info["reason"] == f"a joint {left} left the domain (25)"
+    assert info["reason"] == f"a joint {'angle' if q > np.pi else 'velocity'} left the domain (25)"
     assert info.keys() == {*SHAPES, "reason"} and reward > 0.0 and env.observation_space.contains(observation)
     assert all(step[-1]["in_domain"] and not step[2] and "reason" not in step[-1] for step in before)
 
 
-BAD_ACTIONS = [
-    ([[1.0, 2.0]], r"action has shape \(1, 2\); it must be \(2,\)"),
-    (
-        [1.0, np.nan],
-        r"action = \[1\.0, nan\] N m is not finite; give finite torques \(clipped to ±\[500\.0, 250\.0\]",
-    ),
-]
-
-
-@pytest.mark.parametrize(("action", "message"), BAD_ACTIONS)
-def test_a_bad_action_is_named_and_changes_nothing(action, message):
+def test_a_bad_action_is_named_and_changes_nothing():
     env = FuzzyArmEnv()
     env.reset()
+    with pytest.raises(ValueError, match=r"action has shape \(1, 2\); it must be \(2,\)"):
+        env.step([[1.0, 2.0]])
+    message = r"action = \[1\.0, nan\] N m is not finite; give finite torques \(clipped to ±\[500\.0, 250\.0\]"
     with pytest.raises(ValueError, match=message):
-        env.step(action)
+        env.step([1.0, np.nan])
     assert np.array_equal(env.step([1.0, 2.0])[0], list(play(FuzzyArmEnv(), [[1.0, 2.0]]))[-1][0])
 
 
-@pytest.fixture
-def coarse(monkeypatch):
-    """Environments that take the sub-step of a slow arm for every arm."""
-    monkeypatch.setattr("fuzzyarm.envs.fuzzy_arm.fastest_rate", lambda arms, drawn: 0.0)
-
-
-@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(("stiffness", "period"), [(1e8, 0.1), (1e9, 0.01), (1e10, 1e-3), (1e11, 2e-3), (1e12, 2e-4)])
-def test_however_far_a_plant_blows_up_it_ends_on_its_last_finite_state(stiffness, period):
+def test_however_far_a_plant_blows_up_it_ends_on_its_last_finite_state(stiffness, period, monkeypatch):
     """Far too stiff for the sub-step: the state grows by powers of ten and passes 1e13, 1e70 or the largest float."""
+    monkeypatch.setattr("fuzzyarm.envs.fuzzy_arm.fastest_rate", lambda arms, drawn: 0.0)
     env = FuzzyArmEnv(parameters=dataclasses.replace(TABLE_1, stiffness=(stiffness, stiffness)), control_period=period)
     *_, before, (observation, reward, terminated, _, info) = play(env, [(100.0, 20.0)] * 100)
     assert terminated and info["reason"] and info["torque"].tolist() == [100.0, 20.0]
@@ -280,8 +244,7 @@ def test_step_is_refused_before_a_reset_after_a_failed_one_and_after_the_end(end
 
     refused()
     fast = {"initial_state": LEAVING["angle"][0]} if end == "terminated" else {}
-    *_, last = list(play(env, np.zeros((1, 2)), options=fast))
-    assert last[2:4] == (end == "terminated", end == "truncated")
+    assert list(play(env, np.zeros((1, 2)), options=fast))[-1][2:4] == (end == "terminated", end == "truncated")
     refused()
     env.reset()
     with pytest.raises(ValueError, match="initial_state"):
@@ -291,25 +254,29 @@ def test_step_is_refused_before_a_reset_after_a_failed_one_and_after_the_end(end
 
 @pytest.mark.parametrize(("period", "steps"), [(2e-3, 250), (5e-4, 1000), (7e-4, 715)])
 def test_other_control_periods_end_with_the_reference(period, steps):
-    results = list(follow(FuzzyArmEnv(control_period=np.float64(period), reference=OTHER_PATH)))
+    results = follow(FuzzyArmEnv(control_period=np.float64(period), reference=OTHER_PATH))
     assert len(results) == steps and results[-1][3] and not results[-1][2]
     times = np.array([step[-1]["time"] for step in results])
     np.testing.assert_allclose(times, period * np.arange(1, steps + 1), rtol=1e-12)
     assert max(step[-1]["tip_error"] for step in results) < 5e-3
 
 
-def test_initial_state_is_taken_as_given_in_the_order_of_state():
-    state = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    env = FuzzyArmEnv()
+def test_initial_state_and_reference_are_taken_as_given_for_the_episode():
+    state, env = 0.1 * np.arange(1, 9), FuzzyArmEnv()
+    assert env.reference == JointReference()  # before the first episode
+    for options, reference in (({"reference": OTHER_PATH}, OTHER_PATH), (None, JointReference())):
+        env.reset(options=options)
+        assert env.reference == reference
     observation, info = env.reset(options={"initial_state": state})
     names = ("q_motor", "q_link", "dq_motor", "dq_link")
     assert np.concatenate([info[name] for name in names]).tolist() == state.tolist()
-    assert observation[:4].tolist() == [0.1, 0.2, 0.5, 0.6]
+    assert observation[:4].tolist() == state[[0, 1, 4, 5]].tolist()
     env.step([100.0, 0.0])
     assert state[0] == 0.1  # the caller's array is left alone
 
 
-SLOW = dataclasses.replace(TABLE_1, velocity_limit=(0.3, 15.0))
+SLOW_ARM = {"parameters": dataclasses.replace(TABLE_1, velocity_limit=(0.3, 15.0)), "reference": JointReference()}
+ENDLESS = JointReference(duration=1e6)
 QUICK = JointReference(path=Lemniscate((0.5, 0.3), 1e-4), duration=5e-4)  # for the observation space
 LONGER_LINKS = JointReference(parameters=dataclasses.replace(TABLE_1, length=(0.6, 0.5)))
 BAD_ARGUMENTS = [
@@ -318,11 +285,9 @@ BAD_ARGUMENTS = [
     ({"control_period": 1e-4, "substep": 1e-3}, r"substep = 0\.001 s is out of range; allowed: \[1e-08, 0\.0001\] s"),
     ({"case": "drilling"}, "unknown case 'drilling'; choose from: nominal, machining, payload"),
     ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
-    (
-        {"parameters": SLOW, "reference": JointReference()},
-        r"the joint velocity of the reference reaches .*allows \(0\.3, 15\.0\) rad/s",
-    ),
+    (SLOW_ARM, r"the joint velocity of the reference reaches .*allows \(0\.3, 15\.0\) rad/s"),
     ({"reference": QUICK}, r"the joint acceleration of the reference reaches .*rad/s².*10000.*raise the duration"),
+    ({"control_period": 1e-6, "reference": ENDLESS}, "1000000000000 control periods of 1e-06 s; .*: at most 1000000"),
 ]
 
 
@@ -332,13 +297,11 @@ def test_a_bad_argument_is_named_with_what_is_allowed(arguments, message):
         FuzzyArmEnv(**arguments)
 
 
+BAD_STATES = STILL[:7], np.full(8, np.nan), STILL - 3.7 * np.eye(8)[2], STILL + 15.1 * np.eye(8)[6]
 BAD_OPTIONS = [
     ({"wind": 1.0, "inital_state": STILL}, "unknown reset option inital_state, wind; known: initial_state, reference"),
     ({"reference": LONGER_LINKS}, r"links of \(0\.6, 0\.5\) m, but the plant has links of \(0\.5, 0\.5\) m"),
-    *(
-        ({"initial_state": state}, r"initial_state = .* must be 8 finite numbers.*3\.14.*15\.0")
-        for state in (STILL[:7], np.full(8, np.nan), STILL - 3.7 * np.eye(8)[2], STILL + 15.1 * np.eye(8)[6])
-    ),
+    *(({"initial_state": state}, r"_state = .* must be 8 finite numbers.*3\.14.*15\.0") for state in BAD_STATES),
 ]
 
 
@@ -346,14 +309,6 @@ BAD_OPTIONS = [
 def test_a_bad_option_is_named_with_what_is_allowed(options, message):
     with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmEnv().reset(options=options)
-
-
-def test_reference_is_that_of_the_episode_under_way():
-    env = FuzzyArmEnv()
-    assert env.reference == JointReference()  # before the first episode
-    for options, reference in (({"reference": OTHER_PATH}, OTHER_PATH), (None, JointReference())):
-        env.reset(options=options)
-        assert env.reference == reference
 
 
 HOSTILE = {
@@ -390,6 +345,142 @@ def test_what_is_no_array_of_numbers_is_refused_by_name(given, message):
         assert "\n" not in str(caught.value)
 
 
-def test_a_reference_of_endless_periods_is_refused():
-    with pytest.raises(ValueError, match="1000000000000 control periods of 1e-06 s; allowed: at most 1000000"):
-        FuzzyArmEnv(control_period=1e-6, reference=JointReference(duration=1e6))
+LONG = JointReference(duration=1.6)
+
+
+def steps_until_the_end(env, **reset):
+    """The steps of an episode, and whether it was truncated; the torques hold the arm on its path."""
+    env.reset(**reset)
+    for step in range(1, 5000):
+        lanes = env.unwrapped._lanes  # the reference itself is the state to be in: no policy is needed
+        lanes.values[0, :8, 0] = [*np.tile(lanes.table[lanes.clock[0, 0], :2], 2), 0.0, 0.0, 0.0, 0.0]
+        *_, terminated, truncated, _ = env.step(np.zeros(2))
+        if terminated or truncated:
+            return step, truncated
+    raise AssertionError("the episode does not end")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "steps"),
+    [({}, 1500), ({"reference": SHORT}, 50), ({"case": "payload", "reference": LONG, "control_period": 5e-3}, 320)],
+    ids=str,
+)
+def test_the_spec_states_the_steps_of_an_episode_and_no_wrapper_counts_them(arguments, steps):
+    assert gym.spec("FuzzyArm-v0").max_episode_steps is None and FuzzyArmEnv().spec is None
+    env = gym.make("FuzzyArm-v0", **arguments)
+    assert type(env) is FuzzyArmEnv and env.spec.max_episode_steps == steps
+    assert steps_until_the_end(env, seed=0) == (steps, True)
+    again = gym.make(env.spec, max_episode_steps=-1)
+    assert type(again) is FuzzyArmEnv and steps_until_the_end(gym.make(env.spec)) == (steps, True)
+    assert steps_until_the_end(again, options={"reference": LONG}) == (round(1.6 / again.control_period), True)
+
+
+def test_a_time_limit_of_the_users_own_truncates():
+    made = gym.make("FuzzyArm-v0", max_episode_steps=100)
+    assert made.spec.max_episode_steps == 100
+    for env, steps in ((made, 100), (wrappers.TimeLimit(made.env, 5000), 1500)):
+        assert isinstance(env, wrappers.TimeLimit) and steps_until_the_end(env) == (steps, True)
+    batch = gym.make_vec("FuzzyArm-v0", num_envs=6, randomisation="robust")  # of drawn references, the longest counts
+    batch.reset(seed=0)
+    lengths = {batch.lanes.schedule(lane)[1].steps for lane in range(6)}
+    assert len(lengths) > 1 and max(lengths) <= gym.make("FuzzyArm-v0", randomisation="robust").spec.max_episode_steps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [1e-3, 3e-3])
+def test_a_video_of_each_step_shows_real_time(period, tmp_path):
+    moviepy = pytest.importorskip("moviepy")
+    reference = JointReference(duration=0.3, path=SHORT.path)
+    made = gym.make("FuzzyArm-v0", render_mode="rgb_array", reference=reference, control_period=period)
+    with contextlib.closing(wrappers.RecordVideo(made, str(tmp_path / "videos"))) as env:
+        assert steps_until_the_end(env) == (round(0.3 / period), True)
+    (file,) = (tmp_path / "videos").glob("*.mp4")
+    with moviepy.VideoFileClip(str(file)) as video:
+        assert video.duration == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.slow
+def test_every_twentieth_picture_gives_a_video_in_real_time(tmp_path, monkeypatch):
+    moviepy = pytest.importorskip("moviepy")
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "tutorials" / "first-episode.md").read_text(encoding="utf-8")
+    (loop,) = re.findall(r"```python\n([^`]*save_video[^`]*)```", page)
+    exec(loop, {})
+    with moviepy.VideoFileClip("videos/rl-video-episode-0.mp4") as video:
+        assert video.duration == pytest.approx(1.5, rel=0.05) and video.fps == 50.0
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_checker_of_gymnasium_has_no_wish_beyond_scaled_actions(case, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    said = []
+    monkeypatch.setattr(gym.logger, "warn", lambda message, *args, **kwargs: said.append(message))
+    check_env(gym.make("FuzzyArm-v0", case=case).unwrapped)
+    assert len(said) == 1 and "symmetric and normalized" in said[0]
+    said.clear()
+    check_env(wrappers.RescaleAction(gym.make("FuzzyArm-v0"), np.float32(-1), np.float32(1)))
+    assert [text for text in said if "different from the unwrapped version" not in text] == []
+
+
+def test_seeds_of_any_size_and_numpys_integers():
+    env, batch = (make("FuzzyArm-v0", randomisation=ROBUST) for make in (gym.make, gym.make_vec))
+    for seed in (3, 2**31, np.int64(2**31), np.uint64(2**63), 2**70):
+        observation, _ = env.reset(seed=int(seed))
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], observation)
+        np.testing.assert_array_equal(batch.reset(seed=seed)[0][0], observation)
+    for wrong in (-1, np.int64(-1), 1.0, "1"):
+        with pytest.raises((gym.error.Error, TypeError, ValueError), match=r"[Ss]eed"):
+            env.reset(seed=wrong)
+
+
+LIGHT = ArmParameters(stiffness=(8e4, 1.6e4))
+BENT = JointReference(Spline(((0.4, 0.5), (0.42, 0.52), (0.45, 0.5))), parameters=LIGHT)
+LOADED = Disturbance(ConstantForce((0.0, 30.0), 0.1), Payload(2.0), encoder_noise=EncoderNoise(1e-5, 1e-3))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"robot": LIGHT},
+        {"parameters": LIGHT, "reference": BENT},
+        {"robot": robot_named("planar-3r").with_payload(0.5), "control_period": np.float64(2e-3)},
+        {"disturbance": LOADED},
+        {"randomisation": DomainRandomisation(payload=(0.0, 2.0), references=(SHORT, LONG)), "case": "machining"},
+    ],
+    ids=lambda arguments: "-".join(arguments),
+)
+def test_what_the_spec_writes_is_made_again(arguments):
+    made = gym.make("FuzzyArm-v0", **arguments)
+    again = gym.make(EnvSpec.from_json(made.spec.to_json()))
+    assert again.spec.to_json() == made.spec.to_json()
+    assert again.unwrapped.parameters == made.unwrapped.parameters
+    assert identical(made.reset(seed=3), again.reset(seed=3))
+    for _ in range(20):
+        assert_identical(*(env.step(0.3 * env.action_space.high) for env in (made, again)))
+
+
+def test_wrappers_and_batches_write_their_specs_too():
+    wrapped = wrappers.ClipAction(gym.make("FuzzyArm-v0", parameters=LIGHT, max_episode_steps=9))
+    again = gym.make(EnvSpec.from_json(wrapped.spec.to_json()))
+    assert isinstance(again, wrappers.ClipAction) and again.unwrapped.parameters == LIGHT
+    assert steps_until_the_end(again, seed=0) == (9, True)
+    for mode, given in (("vector_entry_point", [LIGHT, ArmParameters()]), ("sync", LIGHT)):
+        envs = gym.make_vec("FuzzyArm-v0", num_envs=2, vectorization_mode=mode, parameters=given)
+        same = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+        assert type(same) is type(envs) and same.num_envs == 2
+        np.testing.assert_array_equal(same.reset(seed=0)[0], envs.reset(seed=0)[0])
+
+
+def test_what_cannot_be_made_again_is_not_written():
+    Own = dataclasses.make_dataclass("Own", [], namespace={"at": lambda self, time, tip_velocity: 0.0})
+    for argument, given in (("disturbance", Disturbance(tip_force=Own())), ("reference", object())):
+        spec = gym.make("FuzzyArm-v0").spec
+        spec.kwargs[argument] = given
+        with pytest.raises(ValueError, match=r"(Own|object).* cannot be written as JSON: leave it out of the spec"):
+            spec.to_json()
+
+
+@pytest.mark.parametrize("name", ["physics.robot.os", "physics.robot.DIMENSIONS", "nowhere.Robot", "..cli.main", 3])
+def test_data_name_records_of_the_package_alone(name):
+    with pytest.raises(ValueError, match=rf"record = {name!r} does not name a data class"):
+        gym.make("FuzzyArm-v0", robot={"record": name})

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -26,16 +27,14 @@ FLAT = ArmParameters(
     stiffness=(2e4, 1e4),
     damping=(6.0, 3.0),
 )
-PLANAR = robot_named("planar-3r")
 ARMS = {
     "two joints": FLAT,
     "robot of two joints": Robot.of(FLAT),
-    "none": dataclasses.replace(PLANAR, gravity=(0.0, 0.0, 0.0)),
+    "none": dataclasses.replace(robot_named("planar-3r"), gravity=(0.0, 0.0, 0.0)),
     "along the axes": dataclasses.replace(Robot.of(FLAT), gravity=(0.0, 0.0, -9.81)),
     "cicese": robot_named("cicese"),
 }
 # Structures of their own, whose kernels take half a minute to compile.
-MARKS = dict.fromkeys(("none", "along the axes"), pytest.mark.slow)
 
 
 @pytest.mark.parametrize("arm", [FLAT, ARMS["robot of two joints"], ARMS["along the axes"]])
@@ -46,12 +45,12 @@ def test_a_payload_that_no_motor_holds_is_the_papers_share_of_the_links(arm):
     assert load_scale(robot_named("planar-3r")) == (0.32, 0.54)  # of a leverage
 
 
-@pytest.mark.parametrize("arm", [pytest.param(arm, id=name, marks=MARKS.get(name, ())) for name, arm in ARMS.items()])
+@pytest.mark.parametrize("name", slow_but(ARMS.keys() - {"none", "along the axes"}, ARMS))
 @pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
-def test_every_case_runs_and_is_drawn(arm, case):
-    env = FuzzyArmEnv(case, robot=arm, render_mode="rgb_array")
-    (observation, info), state, policy = env.reset(seed=0), None, load_policy("computed-torque", robot=arm)
-    if arm is not ARMS["cicese"] and arm is not ARMS["none"]:
+def test_every_case_runs_and_is_drawn(name, case):
+    env = FuzzyArmEnv(case, robot=ARMS[name], render_mode="rgb_array")
+    (observation, info), state, policy = env.reset(seed=0), None, load_policy("computed-torque", robot=ARMS[name])
+    if name not in ("cicese", "none"):
         assert_allclose(info["q_motor"], info["q_link"], atol=1e-12)  # nothing hangs
     for _ in range(3):
         action, state = policy.predict(observation, state)
@@ -61,18 +60,14 @@ def test_every_case_runs_and_is_drawn(arm, case):
 
 
 @pytest.mark.parametrize("kept", [(), ("z1", "z3")])
-def test_a_fuzzy_controller_is_designed_and_acts_without_gravity(kept):
+def test_a_fuzzy_controller_is_designed_and_acts_without_gravity_within_bounds_of_some_width(kept):
     made = design(Specification(kept, alpha=20.0, gamma=2e-3), FLAT)
     assert made.certificate.proven
     torque, _ = FuzzyPolicy(made.controller).predict(np.full(10, 0.1))
     assert np.isfinite(torque).all()
-
-
-def test_premises_without_gravity_lie_within_bounds_of_some_width():
     bounds = TSModel(FLAT).bounds
     assert (bounds[:, 0] < bounds[:, 1]).all() and np.abs(bounds[1:3]).max() < 1e-11
-    z = premises(np.array([0.3, 0.4]), np.array([1.0, 2.0]), FLAT)
-    (h, v) = TSModel(FLAT, ("z1", "z3")).weights(z)
+    h, v = TSModel(FLAT, ("z1", "z3")).weights(premises(np.array([0.3, 0.4]), np.array([1.0, 2.0]), FLAT))
     assert_allclose([h.sum(), v.sum()], 1.0)
 
 

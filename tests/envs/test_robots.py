@@ -2,11 +2,10 @@
 
 import dataclasses
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
+from support.batches import batch, loop
 from support.plain import hold_numpy
 from support.results import assert_identical
 
@@ -19,47 +18,38 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.rigid_body import frames, gravity
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
-from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.robot_reference import SplineReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
-NAMES = "planar-3r", "ur5", "panda"
 pytestmark = pytest.mark.slow  # the code of three and more joints takes a while to compile
-VARIED = DomainRandomisation(
-    mass=(0.9, 1.1),
-    stiffness=(0.8, 1.2),
-    dry_friction=(0.5, 1.5),
-    payload=(0.0, 0.5),
-    force=(0.5, 1.0),
-    angle=(-0.01, 0.01),
-)
+PLANAR = robot_named("planar-3r")
+PLANTS = find_randomisation("plants", PLANAR)
+VARIED = dataclasses.replace(PLANTS, payload=(0.0, 0.5), force=(0.5, 1.0), angle=(-0.01, 0.01))
 
 
-def disturbed(joints):
-    """Everything at once."""
-    return Disturbance(
-        tip_force=ConstantForce((3.0, -2.0, 4.0), 0.004, 0.02),
-        payload=Payload(0.4),
-        torque_bias=TorqueBias(tuple(0.1 * (k + 1) for k in range(joints)), 0.002, 0.03),
-        encoder_noise=EncoderNoise(1e-4, 1e-3),
-    )
-
-
-def torques(robot, steps, seed=0):
-    """Torques about those that hold the robot's weight at home, (steps, n) [N m]."""
-    limit = robot.drive("torque_limit")
-    return 0.4 * limit * np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, len(robot)))
+def torques(robot, steps):
+    return 0.4 * robot.drive("torque_limit") * np.random.default_rng(0).uniform(-1.0, 1.0, (steps, len(robot)))
 
 
 def short(robot, duration=0.05):
-    """A reference of fifty steps, well inside the ranges of the joints."""
     low, high = bounds_of(robot)[:2]
     start = 0.5 * (low + high) + np.minimum(0.3, 0.1 * (high - low))
     return SplineReference((tuple(start), tuple(start + 0.3 * duration)), duration, robot)
 
 
-@pytest.fixture(params=NAMES)
+def disturbed(robot):
+    disturbance = Disturbance(
+        tip_force=ConstantForce((3.0, -2.0, 4.0), 0.004, 0.02),
+        payload=Payload(0.4),
+        torque_bias=TorqueBias(tuple(0.1 * (k + 1) for k in range(len(robot))), 0.002, 0.03),
+        encoder_noise=EncoderNoise(1e-4, 1e-3),
+    )
+    return {"robot": robot, "reference": short(robot), "disturbance": disturbance}
+
+
+@pytest.fixture(params=("planar-3r", "ur5", "panda"))
 def robot(request):
     return robot_named(request.param)
 
@@ -85,37 +75,33 @@ def test_the_episode_begins_at_rest_with_the_motors_holding_the_weight(robot):
     np.testing.assert_allclose(info["tip"], frames(robot, info["q_link"]).tip, rtol=0.0, atol=1e-12)
     assert info["tip_error"] < 1e-9 and not info["dq_motor"].any() and info["tip"].shape == (3,)
     np.testing.assert_array_equal(observation, env.unwrapped._lanes.observation()[0])
-    assert all(
-        info[name].shape == ((3,) if name in ("tip", "tip_reference", "external_force") else (n,)) for name in VECTORS
-    )
+    of_tip = "tip", "tip_reference", "external_force"
+    assert all(info[name].shape == ((3,) if name in of_tip else (n,)) for name in VECTORS)
 
 
 def test_a_step_is_the_numpy_arm_under_the_schedule(robot):
     """The reference back end: `hold_numpy` from what `info` says, bit for bit."""
-    reference, n, physics = short(robot), len(robot), equations_of(robot)
-    given = disturbed(n)
-    env = FuzzyArmEnv(robot=robot, reference=reference, disturbance=given)
+    given, physics, bound = disturbed(robot), equations_of(robot), bounds_of(robot).torque
+    env, payload = FuzzyArmEnv(**given), given["disturbance"].payload
     _, info = env.reset(seed=0)
     schedule = env._lanes.schedule(0)[1]
-    place = physics.payload_place(given.payload, robot)
-    arm = np.array(flat(physics.constants(physics.plant_of(robot), given.payload.mass, place, 0.0)))[:, np.newaxis]
-    low, high = -bounds_of(robot).torque, bounds_of(robot).torque
+    place = physics.payload_place(payload, robot)
+    arm = np.array(flat(physics.constants(physics.plant_of(robot), payload.mass, place, 0.0)))[:, np.newaxis]
+    names = ("q_motor", "q_link", "dq_motor", "dq_link")
     for k, torque in enumerate(torques(robot, 30)):
-        state = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])[:, np.newaxis]
-        _, _, _, _, info = env.step(torque)
-        applied = (np.clip(torque, low, high) + schedule.biases[k])[:, np.newaxis]
+        state = np.concatenate([info[name] for name in names])[:, np.newaxis]
+        *_, info = env.step(torque)
+        applied = (np.clip(torque, -bound, bound) + schedule.biases[k])[:, np.newaxis]
         force = schedule.forces[k][:, np.newaxis]
         expected = hold_numpy(physics, state, applied, force, arm, env.substep, env.substeps)[:, 0]
-        found = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=0.0)
+        np.testing.assert_array_equal(np.concatenate([info[name] for name in names]), expected)
         np.testing.assert_array_equal(info["external_force"], schedule.forces[k][:3])
     assert schedule.forces[10].any() and schedule.biases[10].all()
 
 
 def test_a_batch_equals_gymnasiums_loop_over_single_arms(robot):
-    setting = {"robot": robot, "reference": short(robot), "disturbance": disturbed(len(robot)), "randomisation": VARIED}
-    same_step = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
-    envs, expected = (gym.make_vec("FuzzyArm-v0", num_envs=18, **setting, **mode) for mode in ({}, same_step))
+    setting = {"randomisation": VARIED, **disturbed(robot)}
+    envs, expected = batch(18, **setting), loop(18, **setting)
     assert_identical(envs.reset(seed=7), expected.reset(seed=7))
     for step, action in enumerate(torques(robot, 55)):
         actions = np.tile(action, (18, 1))
@@ -127,7 +113,7 @@ def test_the_batch_in_tensors_is_the_batch(robot, dtype, close):
     torch = pytest.importorskip("torch")
     from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 
-    setting = {"robot": robot, "reference": short(robot), "disturbance": disturbed(len(robot)), "randomisation": VARIED}
+    setting = {"randomisation": VARIED, **disturbed(robot)}
     kind, envs = getattr(torch, dtype), FuzzyArmVectorEnv(3, **setting)
     tensors = TorchFuzzyArm(3, dtype=kind, compiled=False, **setting)
     np.testing.assert_allclose(tensors.reset(seed=3)[0].numpy(), envs.reset(seed=3)[0], rtol=0.0, atol=close)
@@ -138,23 +124,14 @@ def test_the_batch_in_tensors_is_the_batch(robot, dtype, close):
         np.testing.assert_allclose(found[-1]["tip"].numpy(), info["tip"], rtol=0.0, atol=close)
 
 
-def elsewhere(robot):
-    """The robot with its tip 0.1 m farther out."""
-    return dataclasses.replace(robot, tip=(robot.tip[0] + 0.1, *robot.tip[1:]))
-
-
-PLANAR = robot_named("planar-3r")
+LONGER = dataclasses.replace(PLANAR, tip=(PLANAR.tip[0] + 0.1, *PLANAR.tip[1:]))
 REFUSED = [
     ({"robot": "ur55"}, ValueError, "unknown robot 'ur55'; choose from: .*planar-3r.*toml"),
     ({"robot": 7}, TypeError, "robot is of type int; give a name"),
     ({"robot": "ur5", "parameters": ArmParameters()}, ValueError, "give either robot"),
     ({"robot": "missing.toml"}, OSError, "missing.toml"),
     ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, but the plant has 3"),
-    (
-        {"robot": elsewhere(PLANAR), "reference": short(PLANAR)},
-        ValueError,
-        "has other joint frames or another tip",
-    ),
+    ({"robot": LONGER, "reference": short(PLANAR)}, ValueError, "has other joint frames or another tip"),
 ]
 
 

@@ -21,27 +21,16 @@ RESTING = np.array([0.7, 0.9, 0.7, 0.9, 0.0, 0.0, 0.0, 0.0])
 NOTHING = (0.0, 0.0)
 
 
-def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
-    """One arm of Table 1, measured."""
-    target = circle_target(RESTING) if target is None else target
+def measure(state, torque=NOTHING, bias=NOTHING, target=(0.0,) * 7, limits=LIMITS):
     known = limits_of(limits), target_of(target)
     return assess(state_of(state), PerJoint(*torque), PerJoint(*bias), arm_constants(TABLE_1), *known)
 
 
-def circle_target(state, distance=0.0):
-    """A target with the tip of `state` `distance` beside the reference, on a circle with center (0.1, 0.2)."""
-    found = measure(state, target=np.zeros(7))
-    radius = np.hypot(found.tip.x - 0.1, found.tip.y - 0.2)
-    return np.array([found.tip.x + distance, found.tip.y, 1.0, 0.0, 0.1, 0.2, radius])
-
-
-@pytest.mark.parametrize(
-    ("name", "angles"), [("circularity_error", slice(2, 4)), ("circularity_error_motor", slice(2))]
-)
-def test_errors_are_those_of_the_tip_and_of_the_tip_by_the_motors(name, angles):
+@pytest.mark.parametrize(("name", "joints"), [("circularity_error", [2, 3]), ("circularity_error_motor", [0, 1])])
+def test_errors_are_those_of_the_tip_and_of_the_tip_by_the_motors(name, joints):
     """Of a circle the distance to its center less the radius; else the component along the normal."""
     state, center, normal = np.random.default_rng(2).uniform(-1.0, 1.0, 8), [0.35, 0.65], np.array([0.6, 0.8])
-    tip = tip_position(state[angles], TABLE_1.length)
+    tip = tip_position(state[joints], TABLE_1.length)
     across = (tip - [0.3, 0.4]) @ normal
     for radius, error in ((0.2, np.linalg.norm(tip - center) - 0.2), (0.0, across), (-0.1, across)):
         found = measure(state, (1.0, 2.0), (3.0, 4.0), np.array([0.3, 0.4, *normal, *center, radius]))
@@ -65,15 +54,9 @@ def test_the_domain_is_closed_and_every_state_entry_counts(entry):
 
 
 def test_not_finite_comes_before_angle_and_angle_before_velocity():
-    flags = np.array(list(itertools.product([0.0, 1.0], repeat=3)))
-    for (number, angles, velocities), found in zip(flags, reason_of(*flags.T), strict=True):
-        if not number:
-            expected = Termination.NOT_FINITE
-        elif not angles:
-            expected = Termination.ANGLE
-        else:
-            expected = Termination.NONE if velocities else Termination.VELOCITY
-        assert found == reason_of(number, angles, velocities) == expected
+    flags = np.array(list(itertools.product([0.0, 1.0], repeat=3)))  # not finite, beyond an angle, beyond a velocity
+    expected = [Termination.NOT_FINITE] * 4 + [Termination.ANGLE] * 2 + [Termination.VELOCITY, Termination.NONE]
+    assert reason_of(*flags.T).tolist() == [reason_of(*flag) for flag in flags] == expected
 
 
 @pytest.mark.parametrize("entry", range(8))
@@ -81,15 +64,10 @@ def test_a_number_that_is_not_finite_or_beyond_measure_is_noticed_in_every_entry
     assert finite(state_of(RESTING)) == 1.0
     for value in (np.nan, -np.inf, 1e300, -1e13):
         state = RESTING.copy()
-        state[entry] = value
-        with np.errstate(invalid="ignore"):
-            assert finite(state_of(state)) == 0.0
-            state[(entry + 1) % 8] = -value
-            assert finite(state_of(state)) == 0.0  # nor do two such numbers make up for each other
-
-
-def friction(found):
-    return np.array(found.friction_torque)
+        for place in (entry, (entry + 1) % 8):  # nor do two such numbers make up for each other
+            state[place] = value if place == entry else -value
+            with np.errstate(invalid="ignore"):
+                assert finite(state_of(state)) == 0.0
 
 
 @pytest.mark.parametrize("share", [-1.0, -0.3, 0.0, 0.999, 1.0])
@@ -97,16 +75,15 @@ def test_friction_of_stuck_joints_balances_the_net_torque(share):
     state, bias = RESTING + np.r_[1e-3, -2e-3, np.zeros(6)], np.array([2.0, -1.0])
     spring = np.array(joint_torque(state_of(state), arm_constants(TABLE_1)))
     torque = spring - bias + share * STATIC
-    net = torque + bias - spring
-    reported = friction(measure(state, torque, bias))
-    assert np.array_equal(reported, -np.clip(net, -STATIC, STATIC))
+    reported = np.array(measure(state, torque, bias).friction_torque)
+    assert np.array_equal(reported, -np.clip(torque + bias - spring, -STATIC, STATIC))
     np.testing.assert_allclose(reported, -share * STATIC, rtol=0.0, atol=1e-12)
-    assert friction(measure(RESTING, (100.0, -100.0))).tolist() == [-STATIC[0], STATIC[1]]
 
 
 def test_friction_of_slipping_joints_is_the_stribeck_curve_against_the_motion():
+    assert measure(RESTING, (100.0, -100.0)).friction_torque == (-STATIC[0], STATIC[1])  # about to slip
     velocity = np.array([0.02, -0.3])
     found = measure(RESTING + np.r_[np.zeros(4), velocity, np.zeros(2)], (30.0, 30.0))
     coulomb, speed = np.array(TABLE_1.coulomb_friction), TABLE_1.stribeck_velocity
     expected = -stribeck_magnitude(velocity, DryFriction(coulomb, STATIC, speed)) * np.sign(velocity)
-    np.testing.assert_allclose(friction(found), expected, rtol=1e-15)
+    np.testing.assert_allclose(found.friction_torque, expected, rtol=1e-15)

@@ -1,7 +1,9 @@
 """What the tests of this folder share: proofs of the controllers that they load, and shorter episodes."""
 
+import functools
 import json
 import pickle
+from unittest import mock
 
 import pytest
 
@@ -9,22 +11,16 @@ from fuzzyarm.eval.episodes import loop
 from fuzzyarm.policies import _controller_policy as controller_policy
 from fuzzyarm.proof.certificate import certify
 
-VERDICTS = {}
 
-
-def proven_once(controller):
-    """What `certify` returns, which depends on the numbers of the controller alone."""
-    numbers = pickle.dumps(controller)
-    if numbers not in VERDICTS:
-        VERDICTS[numbers] = certify(controller)
-    return VERDICTS[numbers]
+@functools.cache
+def verdict(numbers):
+    return certify(pickle.loads(numbers))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def proofs_are_kept():
     """Let the policies that are loaded share their proofs, which other folders test."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(controller_policy, "certify", proven_once)
+    with mock.patch.object(controller_policy, "certify", lambda controller: verdict(pickle.dumps(controller))):
         yield
 
 

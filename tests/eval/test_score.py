@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from support.command_line import printed
 
-from fuzzyarm import load_policy
-from fuzzyarm.cli._application import main
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.eval import score
+from fuzzyarm.eval.episodes.rollout import record_rollout
 
 SMALL = score._held_out("test", each=2)
 
@@ -20,29 +20,21 @@ def test_the_score_is_that_of_each_episode_run_alone():
     found = score._score_of(policy, SMALL)
     for k in (0, 2, 4):  # without noise, which has a stream for each lane
         env = FuzzyArmEnv(disturbance=SMALL.disturbances[k], reference=SMALL.references[k], parameters=SMALL.arms[k])
-        observation, _ = env.reset(seed=0)
-        state, errors, torques, over = None, [], [], False
-        while not over:
-            torque, state = policy.predict(observation, state)
-            observation, _, terminated, truncated, info = env.step(torque)
-            errors.append(info["tip_error"])
-            torques.append(info["torque"])
-            over = terminated or truncated
-        d = np.array(errors)
+        run = record_rollout(env, policy, policy_name="", case="", seed=0)
+        d = run.tip_error
         each = np.where(d <= 0.2, 1 - np.log1p(d / 1e-5) / np.log1p(0.2 / 1e-5), 0.0)
         assert found.S[k] == pytest.approx(each.sum() / round(1e3 * SMALL.references[k].duration), rel=1e-12)
         assert found.rms[k] == pytest.approx(np.sqrt(np.mean(d**2)), rel=1e-12)
-        rates = np.mean(np.diff(torques, axis=0) ** 2, axis=1).sum() / len(d)
+        rates = np.mean(np.diff(run.torque, axis=0) ** 2, axis=1).sum() / len(d)
         assert found.rate[k] == pytest.approx(1e3 * np.sqrt(rates), rel=1e-12)
-        assert not found.lost[k] and truncated
-
-
-class Nothing:
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.zeros((len(observation), 2)), None
+        assert not found.lost[k] and run.completed
 
 
 def test_an_arm_that_falls_scores_next_to_nothing():
+    class Nothing:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            return np.zeros((len(observation), 2)), None
+
     found = score._score_of(Nothing(), SMALL)
     assert found.lost.all() and found.S.max() < 0.1
 
@@ -59,10 +51,8 @@ def test_the_set_is_the_versions_own_and_no_training_draws_it():
 def test_the_command_prints_anchors_and_writes_the_file(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(score, "_held_out", lambda: SMALL)
     out = tmp_path / "score.json"
-    assert main(["score", "--policy", "fuzzy-4-tip", "computed-torque", "--out", str(out)]) == 0
+    text = printed(capsys, "score", "--policy", "fuzzy-4-tip", "computed-torque", "--out", out)
     document = json.loads(out.read_text())
     assert document["policies"]["computed-torque"]["N"] == 0.0
     assert document["anchors"]["learned-observer"]["N"] == 100.0
-    text = capsys.readouterr().out
     assert "fuzzy-4-tip" in text and "over 2 policies: mean N" in text and "worst N 0.0" in text
-    assert main(["score", "--policy", "fuzzy-5"]) == 2

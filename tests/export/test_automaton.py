@@ -6,17 +6,15 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import _ModePlant
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.export.automaton import _STATES, export_automaton
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
 from fuzzyarm.proof.tip.laps import StartBox
 from fuzzyarm.proof.tip.plant import PlantSet
 
-pytest.importorskip("onnx")
 MODES = {"back": -1, "stick": 0, "forth": 1}
 FACTORS = ("mass", "motor_inertia", "stiffness", "damping", "viscous_friction", "dry_friction")
 SPACE = "{http://www-verimag.imag.fr/xml-namespaces/sspaceex}"
@@ -31,7 +29,6 @@ def files(tmp_path_factory):
 
 
 def true(text, values):
-    """Evaluate an expression or a condition."""
     return eval(text.replace("&", "and"), {"sin": math.sin, "cos": math.cos, "exp": math.exp}, values)
 
 
@@ -82,33 +79,28 @@ def test_starts_ranges_and_samples_are_those_of_the_claim(files):
     text = files[1].read_text()
     for part in ("mass1 >= 0.9 & mass1 <= 1.1", "stiffness2 >= 1.0 & stiffness2 <= 1.3", "payload <= 2.0"):
         assert part in text
-    values, start = (
-        {"s": 0, "u1": 1.0, "u2": 2.0, "law1": 1.0, "law2": 2.0, "payload": 1.0},
-        problem_of(TipClaim("fuzzy-4-tip")).start,
-    )
+    problem, values = problem_of(TipClaim("fuzzy-4-tip")), {"s": 0, "payload": 1.0}
+    values |= {f"{name}{j}": float(j) for name in ("u", "law") for j in (1, 2)}
     values |= {f"{name}{j}": 1.0 for name in FACTORS for j in (1, 2)}
     inside = text.split('"')[3]
     for shift, holds in ((0.0, True), (4e-4, True), (6e-4, False)):
-        moved = start + shift * np.array([1, 1, 1, 1, 0, 0, 0, 0])
+        moved = problem.start + shift * np.array([1, 1, 1, 1, 0, 0, 0, 0])
         assert true(inside, values | dict(zip(_STATES, moved.tolist(), strict=True))) == holds
     table = np.loadtxt(files[2], delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(table[:, 1:], problem_of(TipClaim("fuzzy-4-tip")).schedule.references)
+    np.testing.assert_array_equal(table[:, 1:], problem.schedule.references)
     assert files[3].name == "fuzzy_4_tip.onnx"
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["automaton", "fuzzy-4-tip", "--set", "any-friction"],
-            "an automaton cannot model friction that varies arbitrarily",
-        ),
-        (["automaton", "shield:fuzzy-4-tip:any:4,2"], "stands for a shield with any policy inside"),
-        (["c", "fuzzy-4", "--set", "near"], "--set and --start are for the format automaton, not for c"),
-        (["spaceex", "fuzzy-4"], "choose from: c, fmu, onnx, automaton"),
-    ],
-)
+BAD = {
+    "automaton fuzzy-4-tip --set any-friction": "an automaton cannot model friction that varies arbitrarily",
+    "automaton shield:fuzzy-4-tip:any:4,2": "stands for a shield with any policy inside",
+    "c fuzzy-4 --set near": "--set and --start are for the format automaton, not for c",
+    "spaceex fuzzy-4": "choose from: c, fmu, onnx, automaton",
+}
+
+
+@pytest.mark.parametrize(("words", "message"), BAD.items(), ids=BAD)
 def test_what_it_cannot_have_is_named_and_nothing_is_written(words, message, tmp_path, capsys):
-    assert main(["export", *words, "--out", str(tmp_path / "a")]) == 2
+    assert main(["export", *words.split(), "--out", str(tmp_path / "a")]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
     assert not any((tmp_path / "a").glob("*"))

@@ -1,7 +1,6 @@
 """FMUs of controller and plant: driven as an FMI 2.0 host drives them, they are the environment's loop, bit by bit."""
 
 import ctypes
-import re
 import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
@@ -43,9 +42,9 @@ class Host:
             with zipfile.ZipFile(file) as archive:
                 archive.extractall(folder)
         root = ET.parse(folder / "modelDescription.xml").getroot()
-        self.references = {one.get("name"): int(one.get("valueReference")) for one in root.iter("ScalarVariable")}
-        self.causality = {one.get("name"): one.get("causality") for one in root.iter("ScalarVariable")}
-        reals = [(one.get("name"), one.find("Real")) for one in root.iter("ScalarVariable")]
+        variables = {one.get("name"): one for one in root.iter("ScalarVariable")}
+        self.references = {name: int(one.get("valueReference")) for name, one in variables.items()}
+        reals = [(name, one.find("Real")) for name, one in variables.items()]
         self.stated = [(name, one.get("min"), one.get("max")) for name, one in reals if one.get("min")]
         self.guid, self.messages, self.names = root.get("guid").encode(), [], []
         (library,) = folder.glob("binaries/*/*")
@@ -69,8 +68,8 @@ class Host:
         self.messages.append(words[-1].decode())
 
     def instantiate(self, kind=CO_SIMULATION, guid=None, name=b"it"):
-        guid = self.guid if guid is None else guid
-        found = self.library.fmi2Instantiate(name, kind, guid, None, ctypes.byref(self.callbacks), 0, 0)
+        callbacks = ctypes.byref(self.callbacks)
+        found = self.library.fmi2Instantiate(name, kind, guid or self.guid, None, callbacks, 0, 0)
         self.instance = ctypes.c_void_p(found)
         return found
 
@@ -103,68 +102,49 @@ def numbered(*parts, joints=2):
 
 def exported(folder, name, *more):
     assert main(["export", "fmu", name, *more, "--out", str(folder)]) == 0
-    return folder / f"{re.sub(r'-', '_', name)}.fmu"
+    return folder / f"{name.replace('-', '_')}.fmu"
 
 
+STATES = ("q_motor", "q_link", "dq_motor", "dq_link")
 OBSERVED = ("q_motor", "dq_motor", "q_reference", "dq_reference", "ddq_reference")
 
 
-def loop_of_hosts(controller, plant, env, joints, steps, payload=0.0):
-    """Both FMUs in a loop beside the environment and its policy; the largest difference of any number."""
-    seen, info = env.reset(seed=0)
-    torques, states = (
-        numbered("torque", joints=joints),
-        numbered("q_motor", "q_link", "dq_motor", "dq_link", joints=joints),
-    )
+LOOPS = [("learned-observer", None, "payload", 5.0), ("elastic-observer", "ur5", "nominal", 0.0)]
+LOOPS = [pytest.param(*loop, compiler, marks=pytest.mark.slow) for loop in LOOPS for compiler in COMPILERS]
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "robot", "case", "payload", "compiler"), [("fuzzy-4-tip", None, "nominal", 0.0, None), *LOOPS]
+)
+def test_controller_and_plant_are_the_loop_of_the_environment(name, robot, case, payload, compiler, tmp_path):
+    env, policy, state = FuzzyArmEnv(case, robot=robot), load_policy(name, robot=robot), None
+    more = ["--robot", robot] if robot else []
+    controller, plant = (Host(exported(tmp_path, one, *more), compiler) for one in (name, "plant"))
+    parts = (("torque",), STATES, OBSERVED, OBSERVED[:2])
+    torques, states, observed, measured = (numbered(*names, joints=policy.joints) for names in parts)
     tip = [name for name in plant.references if name.startswith("tip_")]
+    seen, info = env.reset(seed=0)
     assert plant.instantiate() and plant.set(["payload"], [payload]) == OK
     plant.library.fmi2ExitInitializationMode(plant.instance)
     controller.begin()
-    largest = np.abs(plant.get(tip) - info["tip"]).max()
-    policy, state = env.policy, None
-    for k in range(steps):
-        assert controller.set(numbered(*OBSERVED, joints=joints), seen) == OK
-        measured = plant.get(numbered("q_motor", "dq_motor", joints=joints))
-        assert controller.set(numbered("q_motor", "dq_motor", joints=joints), measured) == OK
+    np.testing.assert_array_equal(plant.get(tip), info["tip"])
+    for k in range(1000 if compiler else 150):
+        assert controller.set(observed, seen) == controller.set(measured, plant.get(measured)) == OK
         assert controller.step(k * PERIOD) == OK
         torque = controller.get(torques)
-        assert plant.set(torques, torque) == OK and plant.step(k * PERIOD) == OK
+        assert plant.set(torques, torque) == plant.step(k * PERIOD) == OK
         wanted, state = policy.predict(seen, state)
         seen, _, _, _, info = env.step(wanted)
-        true = np.concatenate([wanted, *(info[part] for part in ("q_motor", "q_link", "dq_motor", "dq_link", "tip"))])
-        largest = max(largest, np.abs(np.concatenate([torque, plant.get(states), plant.get(tip)]) - true).max())
-    return largest
-
-
-@needs_compiler
-def test_controller_and_plant_are_the_loop_of_the_environment(tmp_path):
-    env = FuzzyArmEnv("nominal")
-    env.policy = load_policy("fuzzy-4-tip")
-    controller, plant = Host(exported(tmp_path, "fuzzy-4-tip")), Host(exported(tmp_path, "plant"))
-    assert loop_of_hosts(controller, plant, env, 2, 150) == 0.0
-
-
-@needs_compiler
-@pytest.mark.slow
-@pytest.mark.parametrize("compiler", COMPILERS or ["none"])
-@pytest.mark.parametrize(
-    ("name", "robot", "case", "payload"),
-    [("learned-observer", None, "payload", 5.0), ("elastic-observer", "ur5", "nominal", 0.0)],
-)
-def test_so_they_are_with_a_payload_and_other_robots(name, robot, case, payload, compiler, tmp_path):
-    env = FuzzyArmEnv(case, robot=robot)
-    env.policy = load_policy(name, robot=robot)
-    more = ["--robot", robot] if robot else []
-    controller, plant = exported(tmp_path, name, *more), exported(tmp_path, "plant", *more)
-    found = loop_of_hosts(Host(controller, compiler), Host(plant, compiler), env, env.policy.joints, 1000, payload)
-    assert found == 0.0
+        np.testing.assert_array_equal(torque, wanted)
+        np.testing.assert_array_equal(plant.get(states), np.concatenate([info[part] for part in STATES]))
+        np.testing.assert_array_equal(plant.get(tip), info["tip"])
 
 
 @needs_compiler
 def test_a_force_on_the_tip_and_several_periods_at_once(tmp_path):
     plant = Host(exported(tmp_path, "plant"))
-    states = numbered("q_motor", "q_link", "dq_motor", "dq_link")
-    found = []
+    states, found = numbered(*STATES), []
     for sizes in ([2, 1], [1, 1, 1]):
         plant.begin()
         assert plant.set(["torque1", "force_x", "force_y"], [200.0, 3.0, -4.0]) == OK
@@ -239,22 +219,15 @@ def test_what_a_host_may_set_has_the_ranges_of_the_environment(tmp_path):
     plant, controller = Host(exported(tmp_path, "plant")), Host(exported(tmp_path, "fuzzy-1"))
     controller.begin()
     assert plant.instantiate()
-    tried = {
-        plant: {
-            "payload": (-1e-9, 1e13, -np.inf),
-            "torque1": (np.nan, np.inf),
-            "force_y": (np.nan, 1e13),
-            "q_link2": (3.2,),
-            "dq_motor1": (-15.1,),
-        },
-        controller: {"q_motor1": (9.5,), "dq_motor2": (200.0,), "q_reference2": (-3.2,), "ddq_reference1": (1e5,)},
-    }
-    for host, variables in tried.items():
-        for name, values in variables.items():
-            before = host.get([name])
-            assert {host.set([name], [value]) for value in values} == {ERROR}, name
-            np.testing.assert_array_equal(host.get([name]), before)
-            assert host.messages[-1].startswith(f"{name} [")
+    tried = [(plant, "payload", (-1e-9, 1e13, -np.inf)), (plant, "torque1", (np.nan, np.inf))]
+    tried += [(plant, "force_y", (np.nan, 1e13)), (plant, "q_link2", (3.2,)), (plant, "dq_motor1", (-15.1,))]
+    tried += [(controller, "q_motor1", (9.5,)), (controller, "dq_motor2", (200.0,))]
+    tried += [(controller, "q_reference2", (-3.2,)), (controller, "ddq_reference1", (1e5,))]
+    for host, name, values in tried:
+        before = host.get([name])
+        assert {host.set([name], [value]) for value in values} == {ERROR}, name
+        np.testing.assert_array_equal(host.get([name]), before)
+        assert host.messages[-1].startswith(f"{name} [")
     assert plant.set(["torque1", "payload", "force_x"], [1e300, 1e12, -1e12]) == OK  # torques are clipped
     assert ("payload", "0.0", "1000000000000.0") in plant.stated and not any("torque" in one[0] for one in plant.stated)
     low, high = FuzzyArmEnv().observation_space.low, FuzzyArmEnv().observation_space.high

@@ -3,18 +3,18 @@
 The operator Where of onnxruntime returns 0 for -0, and the signs of zeros are not compared.
 """
 
+import itertools
+
 import numpy as np
+import onnxruntime as ort
 import pytest
 from slow_twins import slow_but
 from support.exported import random_observations
+from test_c import FUNCTIONS, recorded
 
 from fuzzyarm import load_policy
-from fuzzyarm.export._c_text import LAW, Recorded
 from fuzzyarm.export.onnx_file import _Graph as Graph
 from fuzzyarm.export.onnx_file import export_onnx
-from fuzzyarm.numbers.functions import array, each, entry, number, only, repeat, row, select, when
-
-ort = pytest.importorskip("onnxruntime")
 
 
 def session(file):
@@ -47,26 +47,11 @@ def test_onnxruntime_gives_the_numbers_of_the_policy(name, tmp_path):
         assert not status.any()
 
 
-def branching(x, flag, table):
-    y = array(3)
-    for k in each(3):
-        y[k] = x * number(k)
-        for _ in only(flag > y[k]):
-            y[k] = y[k] - row(table, flag)[1]
-    kept = when(flag > 0.0, lambda: repeat(2, lambda z: z * y[1] + 1.0, x), 1.0 / x)
-    return select((kept > x) | (x != flag), y[0] + y[2], np.floor(kept) * entry(table, x, 0) + (flag <= x))
-
-
-def test_branches_loops_and_tables_are_those_of_python(tmp_path):
+@pytest.mark.parametrize(("function", "tables"), FUNCTIONS)
+def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
     """The graph of a function that is not a law, written as one, whose lanes decide differently."""
-
-    def step(given, memory, *tables):
-        return memory, (branching(*given, *tables),)
-
-    table = np.array([[1.0, -2.0], [0.5, 3.0], [-7.0, 4.0]])
-    program = Recorded(step, (["x", "flag"], (0.0, 0.0)), (), 1, LAW, "own.law", [table])
-    (tmp_path / "own.onnx").write_bytes(Graph().model("own", load_policy("fuzzy-1"), program))
-    pairs = np.array([(x, flag) for x in (-2.0, -0.5, 0.5, 1.0, 3.0, 1e5) for flag in (-1.0, -0.0, 1.0, 2.5)])
+    (tmp_path / "own.onnx").write_bytes(Graph().model("own", load_policy("fuzzy-1"), recorded(function, tables)))
+    pairs = np.array([*itertools.product((-2.0, -0.5, -0.0, 0.5, 1.0, 1.5, 3.0, 1e5), (-1.0, -0.0, 1.0, 2.5))])
     model = session(tmp_path / "own.onnx")
     torque, _, _ = model.run(None, {"observation": pairs, "memory": first_memory(model, len(pairs))})
-    np.testing.assert_array_equal(torque[:, 0], [branching(*pair, table) for pair in pairs.tolist()])
+    np.testing.assert_array_equal(torque[:, 0], [function(*pair, *tables) for pair in pairs.tolist()])

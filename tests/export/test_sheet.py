@@ -17,10 +17,9 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "controllers" / "implement.md"
 
 
-def printed(capsys, *words, code=0):
-    assert main(["show", *words]) == code
-    out, err = capsys.readouterr()
-    return out if code == 0 else err
+def printed(capsys, *words):
+    assert main(["show", *words]) == 0
+    return capsys.readouterr().out
 
 
 def test_the_code_of_the_page_is_the_shipped_law(capsys):
@@ -31,8 +30,7 @@ def test_the_code_of_the_page_is_the_shipped_law(capsys):
     policy, rng = load_policy("fuzzy-4"), np.random.default_rng(3)
     seen = rng.uniform(-2.0, 2.0, (300, 10))
     seen[::2, 4:6] = seen[::2, :2] + rng.normal(scale=1e-3, size=(150, 2))
-    integral = rng.normal(scale=1e-3, size=(300, 2))
-    for observation, x_I in zip(seen, integral, strict=True):
+    for observation, x_I in zip(seen, rng.normal(scale=1e-3, size=(300, 2)), strict=True):
         torque, state = policy.predict(observation, x_I)
         own, after = names["step"](observation, x_I)
         np.testing.assert_allclose(own, torque, rtol=1e-11, atol=1e-9)
@@ -40,7 +38,6 @@ def test_the_code_of_the_page_is_the_shipped_law(capsys):
 
 
 def test_the_numbers_on_the_page_are_those_of_the_command(capsys):
-    """Every number of the page's state to check against stands in the sheet."""
     block = PAGE.read_text(encoding="utf-8").split("one state to check against:")[1].split("```")[0]
     shown = printed(capsys, "fuzzy-4").split("one state to check against:")[1].split("proven of the rigid arm:")[0]
     assert block.split() == shown.split()

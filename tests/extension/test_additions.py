@@ -1,16 +1,20 @@
 """What docs/contributing/add.md adds from outside the package works with the public commands, as it is printed."""
 
 import contextlib
+import csv
+import dataclasses
 import importlib
 import json
 import re
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.trainings import resumed_to_the_bit
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
@@ -18,24 +22,13 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation import figures
 from fuzzyarm.eval.evaluation.figures import _time_figures as time_figures
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.policies.registry import POLICIES
-from fuzzyarm.rl_baselines.algorithms import ALGORITHMS
+from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, add_algorithm, algorithm_of, find_algorithm
+from fuzzyarm.rl_baselines.algorithms.ppo import SPEC, PPOConfig
 
 PAGE = (Path(__file__).parents[2] / "docs" / "contributing" / "add.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
-REGISTRIES = (CASES, METRICS, POLICIES, ALGORITHMS)
-
-
-@contextlib.contextmanager
-def restored(registries):
-    """Put registries back to what they were."""
-    before = [dict(registry) for registry in registries]
-    try:
-        yield
-    finally:
-        for registry, content in zip(registries, before, strict=True):
-            registry.clear()
-            registry.update(content)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +36,9 @@ def page(tmp_path_factory):
     """The page's snippets as a module; what they register is forgotten at the end."""
     folder = tmp_path_factory.mktemp("outside")
     (folder / "contributed.py").write_text("\n".join(BLOCKS), encoding="utf-8")
-    with restored(REGISTRIES), pytest.MonkeyPatch.context() as patch:
+    with contextlib.ExitStack() as registries, pytest.MonkeyPatch.context() as patch:
+        for registry in (CASES, METRICS, POLICIES, ALGORITHMS):
+            registries.enter_context(mock.patch.dict(registry))
         patch.syspath_prepend(folder)
         # Figures are drawn, one of each kind, but not turned into files, which takes longer than all else.
         patch.setattr("fuzzyarm.eval.evaluation.figures.write_all", lambda *args: [])
@@ -54,7 +49,6 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def evaluated(page, tmp_path_factory):
-    """The results of an evaluation of the new controller in the new case."""
     folder = tmp_path_factory.mktemp("evaluation")
     assert main(["evaluate", "--policy", "spring", "--case", "pushed-tool", "--out", str(folder)]) == 0
     return folder
@@ -67,18 +61,6 @@ def test_a_tip_force_acts_in_its_case(page):
     peak = np.argmax(np.abs(forces).max(axis=1))
     np.testing.assert_allclose(forces[peak], (0.0, page.SidePush.force), rtol=1e-3, atol=1e-9)
     assert 145 <= peak <= 155  # ms
-
-
-def test_a_payload_makes_the_arm_heavier(page):
-    ends = []
-    for case in ("nominal", "pushed-tool"):
-        disturbance = CASES[case].disturbance
-        env = gym.make("FuzzyArm-v0", disturbance=type(disturbance)(payload=disturbance.payload))
-        env.reset(seed=0)
-        for _ in range(20):
-            *_, info = env.step(np.zeros(2))
-        ends.append(info["tip"])
-    assert not np.allclose(*ends, atol=1e-6)
 
 
 def test_a_reference_is_followed(page):
@@ -130,21 +112,48 @@ def test_a_controller_has_margins_and_a_sweep(page, tmp_path, capsys, few_postur
     assert action.shape == (5, 2) and state.shape == (5, 0)
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_an_algorithm_trains_and_its_policy_is_evaluated(page, tmp_path, capsys):
-    pytest.importorskip("stable_baselines3")
+@pytest.mark.usefixtures("page", "undrawn")
+def test_an_algorithm_trains_and_its_policy_is_evaluated(tmp_path):
     out, settings = tmp_path / "run", {"lanes": 4, "total-timesteps": 1000, "n-steps": 25, "seed": 3}
     words = [word for name, value in settings.items() for word in (f"--{name}", str(value))]
     assert main(["train", "search", *words, "--out", str(out)]) == 0
-    rows = (out / "curve.csv").read_text().splitlines()
-    assert len(rows) == 11 and "best_reward" in rows[0].split(",")
-    best = [float(row.split(",")[rows[0].split(",").index("best_reward")]) for row in rows[1:]]
-    assert best == sorted(best) and best[0] < best[-1]
-    assert json.loads((out / "policy" / "policy.json").read_text())["training"]["algorithm"] == "random search"
+    rows = csv.DictReader((out / "curve.csv").read_text().splitlines())
+    best = [float(row["best_reward"]) for row in rows]
+    assert len(best) == 10 and best == sorted(best) and best[0] < best[-1]
     assert main(["train", "search", *words, "--out", str(out)]) == 0
     words = ["--policy", str(out / "policy"), "--case", "pushed-tool", "--out", str(tmp_path)]
     assert main(["evaluate", *words]) in (0, 1)
-    capsys.readouterr()
+
+
+@pytest.mark.usefixtures("page")
+def test_an_algorithm_from_outside_is_shipped_and_resumed(tmp_path):
+    config = ALGORITHMS["search"].config(lanes=4, total_timesteps=800, checkpoint_interval=240)
+    resumed_to_the_bit(config, tmp_path, 400)
+    lines = (tmp_path / "whole" / "curve.csv").read_text().splitlines()
+    assert lines[0].startswith("steps,episode_reward,episode_length,tip_error_mm,best_reward,nominal_max_mm,")
+    assert len(lines) == 5
+    bundle = PolicyBundle.load(tmp_path / "whole" / "policy")
+    assert bundle.training["algorithm"] == "random search" and bundle.training["n_steps"] == 50
+    assert set(bundle.versions) == {"fuzzyarm", "numpy", "gymnasium", "llvmlite"}
+    action, _ = load_policy(tmp_path / "whole" / "policy").predict(np.ones(10))
+    assert np.abs(action).max() > 1.0
+
+
+@pytest.mark.usefixtures("page")
+def test_names_and_classes_of_settings_are_unique(monkeypatch):
+    search = ALGORITHMS["search"]
+    assert find_algorithm("search") is algorithm_of(search.config()) is search
+    assert algorithm_of(PPOConfig()) is find_algorithm("ppo") is SPEC
+    with pytest.raises(ValueError, match="algorithm 'ppo' already exists"):
+        add_algorithm(dataclasses.replace(search, name="ppo"))
+    with pytest.raises(ValueError, match="SearchConfig belongs to 'search'; give a subclass of it as config"):
+        add_algorithm(dataclasses.replace(search, name="another"))
+    monkeypatch.delitem(ALGORITHMS, "search")
+    with pytest.raises(ValueError, match="unknown algorithm 'search'; choose from: ppo"):
+        find_algorithm("search")
+    message = "SearchConfig is not the configuration of a known algorithm; call add_algorithm"
+    with pytest.raises(ValueError, match=message):
+        algorithm_of(search.config())
 
 
 DEFAULTS = """

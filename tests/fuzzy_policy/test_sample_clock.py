@@ -3,17 +3,18 @@
 import copy
 import itertools
 import pickle
-import warnings
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from support.policies import answers
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.fuzzy_policy._sample_clock import _period_between
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
@@ -39,25 +40,17 @@ def test_two_observations_tell_their_distance_or_nothing(robot, period, start):
 
 def test_what_is_no_motion_tells_nothing():
     generator = np.random.default_rng(0)
-    still = observations("ur5", 1e-3, 1)[0]
-    late = observations("ur5", 1e-3, 2, 0.5)
-    assert _period_between(still, still) == 0.0  # at rest
-    assert _period_between(late[1], still) == 0.0  # a new episode
-    assert _period_between(late[1], late[0]) == 0.0  # backwards
-    assert not any(_period_between(*generator.normal(size=(2, 10))) for _ in range(10_000))
-    step = late.copy()
-    step[:, -12:] = 0.0  # angles that move without velocities
-    assert _period_between(*step) == 0.0
+    (still,), late = observations("ur5", 1e-3, 1), observations("ur5", 1e-3, 2, 0.5)
+    without_velocities = np.hstack([late[:, :-12], np.zeros((2, 12))])
+    at_rest, new_episode, backwards = (still, still), (late[1], still), late[::-1]
+    for pair in (at_rest, new_episode, backwards, without_velocities, *generator.normal(size=(10_000, 2, 10))):
+        assert _period_between(*pair) == 0.0
 
 
 def errors(policy, period, robot="paper"):
     env = FuzzyArmEnv(control_period=period, robot=robot)
-    (observation, _), state, found = env.reset(seed=0), None, []
-    for _ in range(40):
-        action, state = policy.predict(observation, state)
-        observation, *_, info = env.step(action)
-        found.append(info["tip_error"])
-    return np.array(found)
+    steps = itertools.islice(episodes(env, policy, env.reset(seed=0)), 40)
+    return np.array([step.info["tip_error"] for step in steps])
 
 
 @pytest.mark.parametrize(("name", "robot"), [("fuzzy-4-tip", "paper"), ("elastic-observer", "cicese"), SLOW])
@@ -71,8 +64,8 @@ def test_a_policy_without_a_period_becomes_that_of_the_environment(name, robot):
 
 
 def test_lanes_of_a_batch_that_restart():
-    envs = FuzzyArmVectorEnv(2, control_period=2e-3)
-    policy, (observation, _), state = load_policy("computed-torque"), envs.reset(seed=0), None
+    envs, policy, state = FuzzyArmVectorEnv(2, control_period=2e-3), load_policy("computed-torque"), None
+    observation, _ = envs.reset(seed=0)
     for step in range(5):
         action, state = policy.predict(observation, state, np.array([False, step == 3]))
         observation = envs.step(action)[0]
@@ -81,35 +74,23 @@ def test_lanes_of_a_batch_that_restart():
 
 def test_a_policy_that_stays_as_it_is_names_both_periods():
     policy = ComputedTorquePolicy(chosen_arm("paper", None))
-    with pytest.warns(
-        RuntimeWarning, match=r"a control period of 1 ms, but .* 2 ms apart, .*; load the policy with control_period"
-    ) as said:
+    words = r"a control period of 1 ms, but .* 2 ms apart, .*; load the policy with control_period"
+    with pytest.warns(RuntimeWarning, match=words) as said:
         errors(policy, 2e-3)
     assert len(said) == 1 and policy.control_period == 1e-3
 
 
 def test_the_right_period_and_a_sample_that_is_left_out_change_nothing():
     seen, stated = observations("paper", 1e-3, 12), load_policy("elastic-observer", control_period=1e-3)
-    left_out = np.delete(seen, 2, axis=0)
-    policy, state = load_policy("elastic-observer", control_period=1e-3), None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for one in left_out:
-            _, state = policy.predict(one, state)
-    adapting, state, own, expected = load_policy("elastic-observer"), None, None, None
-    for one in seen:
-        (torque, state), (expected, own) = adapting.predict(one, state), stated.predict(one, own)
-        assert_array_equal(torque, expected)
+    left_out, adapting = np.delete(seen, 2, axis=0), load_policy("elastic-observer")
+    answers(load_policy("elastic-observer", control_period=1e-3), left_out)  # without a warning
+    assert_array_equal(answers(adapting, seen)[0], answers(stated, seen)[0])
     for _ in range(2):  # the period of the last intervals stays
-        state = None
-        for one in left_out:
-            _, state = adapting.predict(one, state)
+        answers(adapting, left_out)
         assert adapting.control_period == 1e-3
 
 
 def test_copies_adapt_as_well():
     for policy in (pickle.loads(pickle.dumps(load_policy("fuzzy-4"))), copy.deepcopy(load_policy("fuzzy-4"))):
-        state = None
-        for observation in observations("paper", 2e-3, 4):
-            _, state = policy.predict(observation, state)
+        answers(policy, observations("paper", 2e-3, 4))
         assert policy.control_period == 2e-3

@@ -5,9 +5,11 @@ import json
 import math
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -22,7 +24,6 @@ GUESS = dataclasses.replace(
     TRUTH, mass_center=(0.375, 0.375), inertia=(0.3, 0.2), motor_inertia=(0.5, 0.5), coulomb_friction=(1.0, 1.0)
 )
 GEAR = 50.0
-HALF = 0.5 * math.pi
 
 
 def recorded(seed):
@@ -53,53 +54,44 @@ def late(delay):
 
 
 VARIANTS = {
-    "degrees": ((), turned(np.degrees)),
-    "turns": ((), turned(lambda q: q / (2.0 * math.pi))),
-    "from the vertical": ((), turned(lambda q: np.cumsum(q, axis=1))),
-    "the joints seem to be exchanged": ((), turned(lambda q: q[:, ::-1], lambda tau: tau[:, ::-1])),
-    "the torques seem to be exchanged": ((), turned(torque=lambda tau: tau[:, ::-1])),
-    "in N mm": ((), turned(torque=lambda tau: 1e3 * tau)),
-    "the angles and torques seem to be on the joint's side": (
-        (GEAR,),
-        turned(lambda q: q / GEAR, lambda tau: GEAR * tau),
-    ),
-    "the angles seem to be on the joint's side": ((GEAR,), turned(lambda q: q / GEAR)),
-    "the torques seem to be on the joint's side": ((GEAR,), turned(torque=lambda tau: GEAR * tau)),
-    "50 ms late": ((), late(0.05)),
-    "30 ms early": ((), late(-0.03)),
+    "degrees": turned(np.degrees),
+    "turns": turned(lambda q: q / (2.0 * math.pi)),
+    "from the vertical": turned(lambda q: np.cumsum(q, axis=1)),
+    "the joints seem to be exchanged": turned(lambda q: q[:, ::-1], lambda tau: tau[:, ::-1]),
+    "the torques seem to be exchanged": turned(torque=lambda tau: tau[:, ::-1]),
+    "in N mm": turned(torque=lambda tau: 1e3 * tau),
+    "the angles and torques seem to be on the joint's side": turned(lambda q: q / GEAR, lambda tau: GEAR * tau),
+    "the angles seem to be on the joint's side": turned(lambda q: q / GEAR),
+    "the torques seem to be on the joint's side": turned(torque=lambda tau: GEAR * tau),
+    "50 ms late": late(0.05),
+    "30 ms early": late(-0.03),
+    **{words: turned(lambda q, s=signs: q * s[:2], lambda tau, s=signs: tau * s[2:]) for signs, words in SIGNS.items()},
     **{
-        words: ((), turned(lambda q, s=signs: q * s[:2], lambda tau, s=signs: tau * s[2:]))
-        for signs, words in SIGNS.items()
-    },
-    **{
-        f"the zero of joint {j + 1} seems to be off by {math.degrees(zero):+.0f} degrees": (
-            (),
-            turned(lambda q, j=j, zero=zero: q + zero * (np.arange(2) == j)),
+        f"the zero of joint {j + 1} seems to be off by {math.degrees(zero):+.0f} degrees": turned(
+            lambda q, j=j, zero=zero: q + zero * (np.arange(2) == j)
         )
         for j in range(2)
-        for zero in (HALF, math.pi, -HALF)
+        for zero in (0.5 * math.pi, math.pi, -0.5 * math.pi)
     },
-}  # fmt: skip
+}
 FEW = ("degrees", "the torques seem to be exchanged", "50 ms late", "torque 1 has the opposite sign")
 
 
 def gone(reading, right, wrong):
     """Whether a reading of the wrong log is the right one, but for whole turns, its mirror image and a few ms."""
     angle, torque = reading.of_angles(wrong.angle), reading.applied(wrong).torque
-    inner = slice(50, -50)
     for mirror in (1.0, -1.0):
         away = np.abs((angle - mirror * right.angle + math.pi) % (2.0 * math.pi) - math.pi).max()
-        rough = np.abs(torque - mirror * right.torque)[inner].max() / np.abs(right.torque).max()
+        rough = np.abs(torque - mirror * right.torque)[50:-50].max() / np.abs(right.torque).max()
         if away < 1e-9 and rough < (0.3 if reading.delay else 1e-9):
             return True
     return False
 
 
-def found_in(logs, start, name, wrong_too=()):
+def found_in(logs, start, name):
     """Whether the change of a name is recognised in logs."""
-    gear, change = VARIANTS[name]
-    wrong = [change(log) for log in logs]
-    found = diagnosed(wrong, start, gear)
+    wrong = [VARIANTS[name](log) for log in logs]
+    found = diagnosed(wrong, start, (GEAR,) if name.endswith("the joint's side") else ())
     return found.doubtful and all(gone(found.reading, *pair) for pair in zip(logs, wrong, strict=True)), found
 
 
@@ -115,9 +107,7 @@ def test_right_logs_are_left_alone(logs):
         np.testing.assert_array_equal(found.reading.applied(logs[0]).torque, logs[0].torque)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in FEW else [pytest.mark.slow]) for name in VARIANTS]
-)
+@pytest.mark.parametrize("name", slow_but(FEW, VARIANTS))
 def test_a_changed_convention_is_found_and_put_right(logs, name):
     right, found = found_in(logs, GUESS, name)
     assert right, found.sentence()
@@ -134,38 +124,26 @@ def test_derivatives_turn_with_the_angles():
 
 
 def test_the_command_says_it_and_applies_it(logs, tmp_path, capsys, monkeypatch):
-    class Found:
-        interrupted = doubtful = False
-
-        def untold(self):
-            return ()
-
-        def to_dict(self):
-            return {}
+    found, seen = {"interrupted": False, "doubtful": False, "untold": tuple, "to_dict": dict}, []
 
     def identify(logs, *_, **__):
         if np.abs(logs[0].angle).max() > 10.0:
             raise ValueError("no valid arm")
         seen.append(logs)
-        return Found()
+        return SimpleNamespace(**found)
 
-    seen = []
     monkeypatch.setattr("fuzzyarm.identification.result.identify", identify)
     paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for path, log in zip(paths, logs, strict=True):
-        path.write_text(VARIANTS["degrees"][1](log).to_csv())
+        path.write_text(VARIANTS["degrees"](log).to_csv())
     words = ["identify", *map(str, paths), "--json"]
     assert main(words) == 2
     out, err = capsys.readouterr()
-    assert (
-        out == ""
-        and "no valid arm. Perhaps the logs use other conventions: the angles seem to be in degrees; with this interpr"
-        in err.splitlines()[-1]
-    )
+    said = "no valid arm. Perhaps the logs use other conventions: the angles seem to be in degrees; with this interpr"
+    assert out == "" and said in err.splitlines()[-1]
     assert main([*words, "--apply"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["conventions"]["applied"]
-    assert document["conventions"]["likely"] == ["the angles seem to be in degrees"]
+    conventions = json.loads(capsys.readouterr().out)["conventions"]
+    assert conventions["applied"] and conventions["likely"] == ["the angles seem to be in degrees"]
     np.testing.assert_allclose(seen[0][1].angle, logs[1].angle, atol=1e-12)
     assert main([*words, str(paths[0])]) == 2 and "given twice" in capsys.readouterr().err
 

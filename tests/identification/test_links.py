@@ -28,12 +28,12 @@ def wrong(robot, seed=1):
 
 @pytest.mark.parametrize("name", ["planar-3r", "ur5", "panda"])
 def test_the_inverse_dynamics_are_linear_in_the_numbers_of_the_links(name):
-    robot, (q, dq, ddq) = robot_named(name), np.random.default_rng(0).normal(size=(3, 20, len(robot_named(name))))
-    other = wrong(robot)
-    Y = body_regressor(robot, q, dq, ddq)
+    robot, other = robot_named(name), wrong(robot_named(name))
+    motion = np.random.default_rng(0).normal(size=(3, 20, len(robot)))
+    Y = body_regressor(robot, *motion)
     for one in (robot, other):
         torque = Y @ _numbers_of(one)[: Y.shape[-1]]
-        np.testing.assert_allclose(torque, inverse_dynamics(one, q, dq, ddq), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(torque, inverse_dynamics(one, *motion), rtol=1e-9, atol=1e-9)
     again = _robot_with(_numbers_of(other), other)
     np.testing.assert_allclose(_numbers_of(again), _numbers_of(other), rtol=1e-9, atol=1e-12)
 
@@ -49,29 +49,21 @@ def test_the_least_squares_of_bodies_that_can_exist_are_optimal():
     best = cones.minimum(H, b)
     np.testing.assert_allclose(cones.projected(cones.matrix @ best), cones.matrix @ best, atol=1e-9)
 
-    def cost(x):
-        return 0.5 * x @ H @ x - b @ x
-
-    for _ in range(200):
-        beside = cones.projected(cones.matrix @ (best + 1e-2 * rng.normal(size=len(best))))
-        assert cost(np.linalg.pinv(cones.matrix) @ beside) > cost(best) - 1e-6 * abs(cost(best))
+    near, inverse = best + 1e-2 * rng.normal(size=(200, len(best))), np.linalg.pinv(cones.matrix)
+    beside = [inverse @ cones.projected(cones.matrix @ x) for x in near]
+    least, *costs = (0.5 * x @ H @ x - b @ x for x in (best, *beside))
+    assert min(costs) > least - 1e-6 * abs(least)
 
 
 def test_friction_and_constant_torques_are_found_from_a_start_without_friction():
     """The logs are of a rigid robot, whose torques have a known constant part."""
     robot, logs, constant = robot_named("planar-3r"), [], np.array([5.0, -3.0, 1.0])
-    time, drives = np.arange(0.0, 6.0, 2e-3)[:, np.newaxis], [joint.drive for joint in robot.joints]
-    rotor, viscous, coulomb = (
-        np.array([getattr(drive, name) for drive in drives])
-        for name in ("motor_inertia", "viscous_friction", "coulomb_friction")
-    )
+    time = np.arange(0.0, 6.0, 2e-3)[:, np.newaxis]
+    rotor, viscous, coulomb = map(robot.drive, ("motor_inertia", "viscous_friction", "coulomb_friction"))
     for seed in range(2):
         rate, phase = np.random.default_rng(seed).uniform((2.0,), (5.0,), (2, 3))
-        q, dq, ddq = (
-            np.sin(rate * time + phase),
-            rate * np.cos(rate * time + phase),
-            -(rate**2) * np.sin(rate * time + phase),
-        )
+        q, dq = np.sin(rate * time + phase), rate * np.cos(rate * time + phase)
+        ddq = -(rate**2) * q
         torque = inverse_dynamics(robot, q, dq, ddq) + rotor * ddq + viscous * dq + coulomb * np.sign(dq) + constant
         logs.append(Log(2e-3, q, torque, None, f"log {seed}"))
     bare = dict.fromkeys(("viscous_friction", "coulomb_friction", "static_friction"), 0.0)

@@ -37,21 +37,17 @@ def main() -> int:
     with contextlib.ExitStack() as stack, ThreadPoolExecutor(options.jobs) as pool:
         for _ in range(options.jobs):
             copies.put(stack.enter_context(_copy()))
-        for tests in dict.fromkeys(one.tests for one in chosen):
-            pool.submit(_unchanged, copies, tests)  # the first in the line: they also compile
+        tests = dict.fromkeys(one.tests for one in chosen)
+        whole = {words: pool.submit(_tested, copies, words) for words in tests}  # first, since they also compile
         rows = list(pool.map(lambda one: _row(copies, one), chosen))
-    failing = sorted(_failing)
-    lived = [row["name"] for row in rows if row["outcome"] == "lived"]
-    print(
-        f"{len(rows)} mutants, {len(lived)} live: {', '.join(lived) or '-'}; {(time.monotonic() - begin) / 60:.0f} min"
-    )
-    print(*(f"fails without any mutant: {tests}" for tests in failing), sep="\n")
+    failing = [
+        f"fails without any mutant: {words}: {one.result()[1]}" for words, one in whole.items() if one.result()[0]
+    ]
+    lived, minutes = [row["name"] for row in rows if row["outcome"] == "lived"], (time.monotonic() - begin) / 60
+    print(f"{len(rows)} mutants, {len(lived)} live: {', '.join(lived) or '-'}; {minutes:.0f} min", *failing, sep="\n")
     if not options.names and not failing:
         _keep(rows)
     return 1 if lived or failing else 0
-
-
-_failing: set[str] = set()
 
 
 @contextlib.contextmanager
@@ -67,42 +63,33 @@ def _copy() -> Iterator[Path]:
         yield Path(folder)
 
 
-def _tested(copy: Path, tests: str) -> tuple[int | None, str]:
-    """Return the exit code of pytest, None where it does not end, and the test that failed first."""
-    words = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider"]
+def _tested(copies: queue.SimpleQueue[Path], tests: str, mutant: Mutant | None = None) -> tuple[int, str]:
+    """Return the exit code of pytest, 1 where it does not end, and the test that failed first, if any did."""
+    copy = copies.get()
+    path = copy / "fuzzyarm" / (mutant.file if mutant else "__init__.py")
+    good = path.read_text(encoding="utf-8")
+    if mutant and good.count(mutant.old) != 1:
+        raise SystemExit(f"{mutant.name}: its text stands {good.count(mutant.old)} times in {mutant.file}")
+    path.write_text(good.replace(mutant.old, mutant.new) if mutant else good, encoding="utf-8")
+    words = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider", *shlex.split(tests)]
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run(
-            [*words, *shlex.split(tests)], cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST
-        )
+        done = subprocess.run(words, cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST)
     except subprocess.TimeoutExpired:
-        return None, ""
+        return 1, ""
+    finally:
+        path.write_text(good, encoding="utf-8")
+        copies.put(copy)
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
-    return done.returncode, failed[1] if failed else done.stdout[-300:]
-
-
-def _unchanged(copies: queue.SimpleQueue[Path], tests: str) -> None:
-    copy = copies.get()
-    code, said = _tested(copy, tests)
-    copies.put(copy)
-    if code != 0:
-        print(f"without any mutant: {tests}: {said}", flush=True)
-        _failing.add(tests)
+    return done.returncode, failed[1] if failed else done.stdout[-300:] if done.returncode else ""
 
 
 def _row(copies: queue.SimpleQueue[Path], mutant: Mutant) -> dict[str, Any]:
-    copy, begin = copies.get(), time.monotonic()
-    path = copy / "fuzzyarm" / mutant.file
-    good = path.read_text(encoding="utf-8")
-    if good.count(mutant.old) != 1:
-        raise SystemExit(f"{mutant.name}: its text stands {good.count(mutant.old)} times in {mutant.file}")
-    path.write_text(good.replace(mutant.old, mutant.new), encoding="utf-8")
-    code, said = _tested(copy, mutant.tests)
-    path.write_text(good, encoding="utf-8")
-    copies.put(copy)
+    begin = time.monotonic()
+    code, said = _tested(copies, mutant.tests, mutant)
     outcome = "died" if code != 0 else "equivalent" if mutant.equivalent else "lived"
-    row = {**mutant._asdict(), "outcome": outcome, "by": said if code != 0 else "", "seconds": time.monotonic() - begin}
-    print(f"{mutant.name}: {outcome} {row['by'].splitlines()[-1] if row['by'] else ''}", flush=True)
+    row = {**mutant._asdict(), "outcome": outcome, "by": said, "seconds": time.monotonic() - begin}
+    print(f"{mutant.name}: {outcome} {said.splitlines()[-1] if said else ''}", flush=True)
     return row
 
 

@@ -1,8 +1,5 @@
 """Numbers among which some are known beforehand: exact in every kind of number, and nothing is computed in vain."""
 
-import itertools
-import operator
-
 import numpy as np
 import pytest
 
@@ -17,6 +14,9 @@ EXPRESSIONS = (
     lambda x, y, k: -(x * k) - -y,
     lambda x, y, k: (x - k) * -(y + k) + 2.0 * (y * x),
     lambda x, y, k: 1.0 / -(x + k * y) - k * (k + x),
+    lambda x, y, _: (-x + y) * (x + -y) + (-x + -y) * (x + y),
+    lambda x, y, _: (-x - y) * (x - -y) - (-x - -y) * (x - y),
+    lambda x, y, _: -x * y - x * -y * 3.0 + -x * -y * 5.0 + x * y * 7.0,
 )
 
 
@@ -25,13 +25,6 @@ EXPRESSIONS = (
 def test_it_is_the_same_number(expression, known):
     x, y = np.random.default_rng(0).normal(size=(2, 9))
     np.testing.assert_array_equal(unfolded(expression(Folded(x), Folded(y), known)), expression(x, y, known))
-
-
-@pytest.mark.parametrize("signs", list(itertools.product([False, True], repeat=2)))
-def test_signs_are_kept_apart(signs):
-    first, second = (Folded(x, sign) for x, sign in zip((3.0, 7.0), signs, strict=True))
-    for operation in (operator.add, operator.sub, operator.mul):
-        assert unfolded(operation(first, second)) == operation(unfolded(first), unfolded(second))
 
 
 def test_what_is_known_leaves_no_operation():

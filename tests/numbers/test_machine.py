@@ -1,16 +1,25 @@
-"""One text with every kind of number: floats, machine code of one arm and of many, and where that is kept."""
+"""One text with every kind of number: floats, machine code of one arm and of many, its files, other processors."""
 
+import itertools
 import math
 import os
+import platform
+import re
 import subprocess
 import sys
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
+from fuzzyarm import ArmParameters, load_policy
+from fuzzyarm.envs.batch._kernels import kernels_of
 from fuzzyarm.envs.batch.layout import by_rows, in_blocks
 from fuzzyarm.envs.physics.elementwise import gaussian, root, sign, sine_cosine
+from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.numbers import machine
+from fuzzyarm.numbers._llvm_text import kernel_text
 from fuzzyarm.numbers.functions import (
     Cells,
     array,
@@ -33,6 +42,7 @@ from fuzzyarm.numbers.program import Program
 
 TABLE = np.arange(15.0).reshape(5, 3) ** 2
 SHARED = (0.75, 3.0)
+GIVEN = np.array(SHARED), (TABLE,)
 SPECIAL = [0.0, -0.0, 1.0, -1.5, math.nan, math.inf, -math.inf, 1e300, 5e-324, 2.5, 1e6, -7.25]
 
 
@@ -51,11 +61,6 @@ def text(x, seen, shared, table):
     return (gathered, rare), (looked[0] + sign(a), root(abs(c)), bits(key), number(whole(other * 8.0) >> 1))
 
 
-def expected(x, shared=SHARED):
-    after, seen = text((x[0], (x[1], x[2])), (0.0,) * 4, shared, TABLE.tolist())
-    return np.array([after[0], *after[1]]), np.array(seen)
-
-
 def recorded(layouts=(), repeated=False):
     return Kernel(Program(text, ((0.0, (0.0, 0.0)), (0.0,) * 4), SHARED, [(0, 3)]), layouts, repeated=repeated)
 
@@ -66,8 +71,7 @@ def same(a, b):
 
 
 def numbers(arms, seed=0):
-    generator = np.random.default_rng(seed)
-    x = generator.normal(size=(arms, 3)) * [3.0, 4.0, 2.0]
+    x = np.random.default_rng(seed).normal(size=(arms, 3)) * [3.0, 4.0, 2.0]
     x[: len(SPECIAL), 1] = SPECIAL[:arms]
     x[-len(SPECIAL) :, 2] = SPECIAL[-arms:][::-1]
     return x
@@ -83,27 +87,24 @@ def length(request, monkeypatch):
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
 @pytest.mark.parametrize("arms", [1, 7, WIDE, WIDE + 1, 100])
 def test_machine_code_of_any_number_of_arms_has_the_bits_of_floats(arms):
-    x = numbers(arms)
+    given = numbers(arms), np.zeros((arms, 4))
     with np.errstate(all="ignore"):
-        wanted = [expected([np.float64(n) for n in one]) for one in x]
-    given = x.copy(), np.zeros((arms, 4))
-    recorded()(given, np.array(SHARED), (TABLE,))
-    assert all(same(found, np.array(column)) for found, column in zip(given, zip(*wanted, strict=True), strict=True))
+        wanted = [np.hstack(flat(text((a, (b, c)), (0.0,) * 4, SHARED, TABLE.tolist()))) for a, b, c in given[0]]
+    recorded()(given, *GIVEN)
+    assert same(np.hstack(given), np.array(wanted))
 
 
 @pytest.mark.usefixtures("length")
 @pytest.mark.parametrize("arms", [1, 2 * WIDE + 3])
 def test_layouts_change_no_bit_and_no_neighbour(arms):
     x, seen = numbers(arms, seed=1), np.zeros((arms, 4))
-    rows, block = x.copy(), in_blocks(x.T)
-    recorded()((rows, seen), np.array(SHARED), (TABLE,))
-    wide = np.full((4, arms + 5), 7.0)
-    recorded([PortLayout.BLOCKS, PortLayout.COLUMNS])((block, wide[:, :arms]), np.array(SHARED), (TABLE,))
+    rows, block, wide, apart = x.copy(), in_blocks(x.T), np.full((4, arms + 5), 7.0), np.full((arms, 9), 7.0)
+    apart[:, :3] = x
+    recorded()((rows, seen), *GIVEN)
+    recorded([PortLayout.BLOCKS, PortLayout.COLUMNS])((block, wide[:, :arms]), *GIVEN)
+    recorded()((apart[:, :3], apart[:, 4:8]), *GIVEN)
     assert same(by_rows(block, arms).T, rows)
     assert same(wide[:, :arms], seen.T) and (wide[:, arms:] == 7.0).all()
-    apart = np.full((arms, 9), 7.0)
-    apart[:, :3] = x
-    recorded()((apart[:, :3], apart[:, 4:8]), np.array(SHARED), (TABLE,))
     assert same(apart[:, :3], rows) and same(apart[:, 4:8], seen) and (apart[:, [3, 8]] == 7.0).all()
 
 
@@ -112,12 +113,12 @@ def test_layouts_change_no_bit_and_no_neighbour(arms):
 def test_steps_of_one_call_are_calls_of_one_step_and_parts_of_the_arms_the_whole(arms):
     once, often, in_parts = (numbers(arms, seed=2) for _ in range(3))
     seen, last, other = (np.zeros((arms, 4)) for _ in range(3))
-    call = recorded().bound((in_parts, other), np.array(SHARED), (TABLE,))
+    call, kernel = recorded().bound((in_parts, other), *GIVEN), recorded()
     for _ in range(5):
-        recorded()((once, seen), np.array(SHARED), (TABLE,))
+        kernel((once, seen), *GIVEN)
         for part in [(48, arms), (0, 16), (16, 48)] if arms > 48 else [(0, arms)]:
             call.part(*part)
-    recorded(repeated=True)((often, last), np.array(SHARED), (TABLE,), steps=5)
+    recorded(repeated=True)((often, last), *GIVEN, steps=5)
     assert same(often, once) and same(last, seen) and same(in_parts, once) and same(other, seen)
 
 
@@ -147,28 +148,22 @@ def test_what_cannot_be_recorded_is_refused(wrong):
         Program(lambda x, y, _: (x,), ((0.0,), (0.0, 0.0)))
 
 
-FITTING = np.zeros((4, 3)), np.zeros((4, 4))
-
-
-@pytest.mark.parametrize(
-    ("arrays", "table", "message"),
-    [
-        ((np.zeros((4, 3), np.float32), FITTING[1]), TABLE, "float32"),
-        ((np.zeros((4, 2)), FITTING[1]), TABLE, r"shape \(4, 2\)"),
-        ((FITTING[0], np.zeros((5, 4))), TABLE, r"array 1 \(for 4 arms\) has shape \(5, 4\)"),
-        ((np.zeros((4, 6))[:, ::2], FITTING[1]), TABLE, "strides"),
-        (FITTING[:1], TABLE, r"1 array\(s\) and 1 table\(s\) were given; the program takes 2 and 1"),
-        (FITTING, np.zeros((0, 3)), "table 0 has shape"),
-        (FITTING, np.zeros((2, 4)), "table 0 has shape"),
-        (FITTING, np.zeros((2, 3), np.float32), "table 0 has shape"),
-        (FITTING, np.zeros((4, 6))[::2, ::2], "table 0 has shape"),
-    ],
-)
-def test_arrays_that_do_not_fit_are_refused(arrays, table, message):
-    kernel = recorded()
-    kernel(FITTING, np.array(SHARED), (TABLE,))
-    with pytest.raises(ValueError, match=message):
-        kernel(arrays, np.array(SHARED), (table,))
+def test_arrays_that_do_not_fit_are_refused():
+    kernel, (three, four) = recorded(), (np.zeros((4, 3)), np.zeros((4, 4)))
+    kernel((three, four), *GIVEN)
+    for arrays, table, message in (
+        ((np.zeros((4, 3), np.float32), four), TABLE, "float32"),
+        ((np.zeros((4, 2)), four), TABLE, r"shape \(4, 2\)"),
+        ((three, np.zeros((5, 4))), TABLE, r"array 1 \(for 4 arms\) has shape \(5, 4\)"),
+        ((np.zeros((4, 6))[:, ::2], four), TABLE, "strides"),
+        ((three,), TABLE, r"1 array\(s\) and 1 table\(s\) were given; the program takes 2 and 1"),
+        ((three, four), np.zeros((0, 3)), "table 0 has shape"),
+        ((three, four), np.zeros((2, 4)), "table 0 has shape"),
+        ((three, four), np.zeros((2, 3), np.float32), "table 0 has shape"),
+        ((three, four), np.zeros((4, 6))[::2, ::2], "table 0 has shape"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            kernel(arrays, np.array(SHARED), (table,))
 
 
 N = 5
@@ -202,22 +197,17 @@ def cholesky(memory, x, _, weights):
 
 @pytest.mark.parametrize("arms", [1, WIDE + 5])
 def test_loops_over_arrays_have_the_bits_of_python(arms):
-    generator, size = np.random.default_rng(arms), N * N
-    memory, x = np.empty((arms, size + 1)), generator.normal(size=(arms, 2))
-    memory[:, :size] = (10.0 * np.eye(N) + generator.normal(size=(arms, N, N))).reshape(arms, size)
-    memory[:, size] = 0.0
-    wanted, found = [], []
-    for own, seen in zip(memory.copy(), x.copy(), strict=True):
-        P, state = own[:size].reshape(N, N), (0.0, tuple(seen))
+    generator = np.random.default_rng(arms)
+    x, memory = generator.normal(size=(arms, 2)), np.zeros((arms, N * N + 1))
+    memory[:, :-1] = (10.0 * np.eye(N) + generator.normal(size=(arms, N, N))).reshape(arms, N * N)
+    wanted = memory.copy(), x.copy()
+    for own, seen in zip(*wanted, strict=True):
         for _ in range(3):
-            (_, count), state = cholesky((P, state[0]), state[1], (), WEIGHTS)
-            state = count, state
-        wanted.append([*P.ravel(), state[0]])
-        found.append(state[1])
+            (_, own[-1]), seen[:] = cholesky((own[:-1].reshape(N, N), own[-1]), tuple(seen), (), WEIGHTS)
     kernel = Kernel(Program(cholesky, ((Cells((N, N)), 0.0), (0.0, 0.0)), (), [WEIGHTS.shape]))
     for _ in range(3):
         kernel((memory, x), np.empty(0), (WEIGHTS,))
-    assert np.array_equal(memory, wanted) and np.array_equal(x, found)
+    assert np.array_equal(memory, wanted[0]) and np.array_equal(x, wanted[1])
     assert kernel.program.size() < 60  # a loop is recorded once
 
 
@@ -242,21 +232,22 @@ assert x[0, 0] == 3.0 / 7.0
 """
 
 
-def run(folder, count=1):
-    words, options = [sys.executable, "-c", PROGRAM], {"env": os.environ | {machine._CACHE: str(folder)}}
-    together = [subprocess.Popen(words, **options, stderr=subprocess.PIPE) for _ in range(count)]
-    for one in together:
-        _, error = one.communicate(timeout=120)
-        assert one.returncode == 0, error.decode()
+def run(folder, program=PROGRAM, word="", count=1):
+    """Run processes together that keep machine code in a folder; return what they print."""
+    words, environment = [sys.executable, "-c", program, word], os.environ | {machine._CACHE: str(folder)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    together = [subprocess.Popen(words, env=environment, text=True, **pipes) for _ in range(count)]
+    said = [one.communicate(timeout=300) for one in together]
+    assert not any(one.returncode for one in together), said
+    return "".join(out for out, _ in said)
 
 
 def test_a_file_that_is_damaged_or_foreign_is_made_again(tmp_path):
     run(tmp_path / "cache")
     (file,) = (tmp_path / "cache").iterdir()
     good = file.read_bytes()
-    changed = bytearray(good)
-    changed[-100] ^= 1
-    for damaged in (good[:50], bytes(changed), b"\x7fELF" + bytes(2000)):
+    changed = good[:-100] + bytes([good[-100] ^ 1]) + good[-99:]
+    for damaged in (good[:50], changed, b"\x7fELF" + bytes(2000)):
         file.write_bytes(damaged)
         run(tmp_path / "cache")
         assert list(file.parent.iterdir()) == [file] and file.read_bytes() == good
@@ -276,13 +267,69 @@ def test_processes_that_start_together_leave_one_whole_file(tmp_path):
 
 def test_a_processor_and_a_text_have_their_own_files(tmp_path, monkeypatch):
     monkeypatch.setenv(machine._CACHE, str(tmp_path))
+    program, here = Program(lambda x, _: ((x[0] + 1.0,),), ((0.0,),)), machine.llvm.get_host_cpu_name()
+    for processor, arms, files in ((here, 1, 1), (here, 20, 2), ("x86-64", 1, 3)):
+        monkeypatch.setattr(machine.llvm, "get_host_cpu_name", lambda name=processor: name)
+        machine._machine_code.cache_clear()
+        Kernel(program)((np.zeros((arms, 1)),), np.empty(0))
+        assert len(list(tmp_path.iterdir())) == files
     machine._machine_code.cache_clear()
-    one = Kernel(Program(lambda x, _: ((x[0] + 1.0,),), ((0.0,),)))
-    one((np.zeros((1, 1)),), np.empty(0))
-    one((np.zeros((20, 1)),), np.empty(0))
-    assert len(list(tmp_path.iterdir())) == 2  # of one arm, and of many
-    monkeypatch.setattr(machine.llvm, "get_host_cpu_name", lambda: "x86-64")
-    machine._machine_code.cache_clear()
-    Kernel(one.program)((np.zeros((1, 1)),), np.empty(0))
-    assert len(list(tmp_path.iterdir())) == 3
-    machine._machine_code.cache_clear()
+
+
+FUSED = re.compile(r"\b(vfn?m(add|sub)|fn?m(add|sub|la|ls)\b)", re.I)
+PROCESSORS = {"x86-64-v3": "x86_64-unknown-linux-gnu", "generic": "aarch64-unknown-linux-gnu"}
+
+SIMULATION = """
+import hashlib, itertools, sys
+import llvmlite.binding as llvm
+import numpy as np
+
+class Plain:
+    def flatten(self):
+        return ""
+
+if sys.argv[1]:
+    llvm.get_host_cpu_name, llvm.get_host_cpu_features = lambda: sys.argv[1], Plain
+import gymnasium as gym
+import fuzzyarm
+from fuzzyarm.eval.episodes.loop import episodes
+
+envs = gym.make_vec("FuzzyArm-v0", num_envs=40, randomisation="plants", case="machining")
+found = hashlib.sha256()
+policy = fuzzyarm.load_policy("elastic-observer")
+for step in itertools.islice(episodes(envs, policy, envs.reset(seed=0)), 300):
+    for array in (step.observation, step.reward, step.info["tip"], step.info["torque"], step.memory):
+        found.update(np.ascontiguousarray(array).tobytes())
+print(found.hexdigest())
+"""
+
+
+def assembly(text, processor, triple):
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    target = llvm.Target.from_triple(triple).create_target_machine(cpu=processor, opt=3)
+    module = llvm.parse_assembly(text)
+    module.triple = triple
+    builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+    return target.emit_assembly(module)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_no_multiplication_is_fused_with_an_addition(processor):
+    """In a control step and in a law, of one arm and of many."""
+    kernels = (kernels_of(equations_of(ArmParameters())).step, load_policy("elastic-observer")._command_kernel)
+    for one, width in itertools.product(kernels, (1, WIDE)):
+        text = kernel_text(one.program, one.layouts, width)
+        assert not FUSED.search(assembly(text, processor, PROCESSORS[processor]))
+    free = re.sub(r"\b(fmul|fadd|fsub) ", r"\1 contract ", text)
+    assert FUSED.search(assembly(free, processor, PROCESSORS[processor]))  # which is what LLVM does where it may
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="runs the machine code of x86-64 processors")
+def test_an_old_processor_gives_the_same_bits(tmp_path):
+    digest, files = run(tmp_path, SIMULATION), len(list(tmp_path.iterdir()))  # of this one with all it has
+    assert run(tmp_path, SIMULATION, "x86-64") == digest and len(digest) == 65  # one of 2003
+    assert len(list(tmp_path.iterdir())) == 2 * files  # each has its own machine code

@@ -12,21 +12,19 @@ from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.policies import resolve
 
-sb3 = pytest.importorskip("stable_baselines3")
+torch, sb3 = pytest.importorskip("torch"), pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: E402
 
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv  # noqa: E402
 
 
-def saved(folder, kind="PPO", history=0, policy="MlpPolicy", **settings):
+def saved(folder, kind="PPO", history=0):
     """A model with random weights and moments of its observations, and the environment that it is for."""
     venv = VecNormalize(DummyVecEnv([lambda: FuzzyArmLearnEnv(case="payload", history=history)]))
     few = {"n_steps": 16, "batch_size": 16} if kind == "PPO" else {"learning_starts": 16, "buffer_size": 64}
-    model = getattr(sb3, kind)(policy, venv, seed=0, device="cpu", **few, **settings)
-    model.learn(16)
+    model = getattr(sb3, kind)("MlpPolicy", venv, seed=0, device="cpu", **few).learn(16)
     model.save(folder / "model.zip")
-    moments = venv.obs_rms
-    np.savez(folder / "model.npz", mean=moments.mean, var=moments.var, clip=venv.clip_obs)
+    np.savez(folder / "model.npz", mean=venv.obs_rms.mean, var=venv.obs_rms.var, clip=venv.clip_obs)
     return model, venv
 
 
@@ -59,40 +57,35 @@ def test_a_name_from_a_file_loads_no_zip(tmp_path, capsys):
 
 
 def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
-    text = tmp_path / "text.zip"
-    text.write_text("no zip")
-    other = tmp_path / "other.zip"
-    sb3.PPO("MlpPolicy", gym.make("Pendulum-v1"), n_steps=16, batch_size=16).save(other)
-    relu = tmp_path / "relu.zip"
-    import torch
+    def model(name, environment=None, **settings):
+        environment = environment or FuzzyArmLearnEnv(case="nominal")
+        sb3.PPO("MlpPolicy", environment, n_steps=16, batch_size=16, **settings).save(tmp_path / name)
 
-    kwargs = {"activation_fn": torch.nn.ReLU}
-    sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16, policy_kwargs=kwargs).save(relu)
-    good = sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16)
-    good.save(tmp_path / "good.zip")
-    bare, wide, second = tmp_path / "bare.zip", tmp_path / "wide.zip", "mlp_extractor.policy_net.2.weight"
-    for path, change in (
-        (bare, lambda w: w.pop("action_net.bias")),
-        (wide, lambda w: w.update({second: w[second][:, :-1].clone()})),  # the first layer gives more than it takes
+    (tmp_path / "text.zip").write_text("no zip")
+    model("other.zip", gym.make("Pendulum-v1"))
+    model("relu.zip", policy_kwargs={"activation_fn": torch.nn.ReLU})
+    model("good.zip")
+    second = "mlp_extractor.policy_net.2.weight"
+    for name, change in (
+        ("bare.zip", lambda w: w.pop("action_net.bias")),
+        ("wide.zip", lambda w: w.update({second: w[second][:, :-1].clone()})),  # the first layer gives more
     ):
-        with zipfile.ZipFile(tmp_path / "good.zip") as source, zipfile.ZipFile(path, "w") as archive:
+        with zipfile.ZipFile(tmp_path / "good.zip") as source, zipfile.ZipFile(tmp_path / name, "w") as archive:
             weights = torch.load(io.BytesIO(source.read("policy.pth")), weights_only=True)
             change(weights)
             torch.save(weights, buffer := io.BytesIO())
             archive.writestr("data", source.read("data"))
             archive.writestr("policy.pth", buffer.getvalue())
-    empty = tmp_path / "empty.zip"
-    with zipfile.ZipFile(empty, "w") as archive:
+    with zipfile.ZipFile(tmp_path / "empty.zip", "w") as archive:
         archive.writestr("data", "{}")
-    for path, words in (
-        (text, "cannot be read as a model saved by stable-baselines3"),
-        (empty, "cannot be read as a model saved by stable-baselines3"),
-        (other, "range from -1 to 1"),
-        (relu, "activation_fn"),
-        (bare, "are not those of an MlpPolicy"),
-        (wide, "wide.zip: "),
-        (tmp_path / "none.zip", "No such file"),
+    for name, words in (
+        *((f"{name}.zip", "cannot be read as a model saved by stable-baselines3") for name in ("text", "empty")),
+        ("other.zip", "range from -1 to 1"),
+        ("relu.zip", "activation_fn"),
+        ("bare.zip", "are not those of an MlpPolicy"),
+        ("wide.zip", "wide.zip: "),
+        ("none.zip", "No such file"),
     ):
-        assert main(["score", "--policy", f"sb3:{path}"]) == 2
+        assert main(["score", "--policy", f"sb3:{tmp_path / name}"]) == 2
         error = capsys.readouterr().err
-        assert words in error and path.name in error and error.count("\n") == 1
+        assert words in error and name in error and error.count("\n") == 1

@@ -23,25 +23,24 @@ SHIPPED, TRAINED = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "fuzzy_po
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "tip", "named", "label"),
+    ("name", "kind", "tip", "named"),
     [
-        ("computed-torque", Kind.LAW, False, True, "computed-torque"),
-        ("computed-torque-tip", Kind.LAW, True, True, "computed-torque-tip"),
-        ("elastic-observer", Kind.LAW, False, True, "elastic-observer"),
-        ("fuzzy-4-tip", Kind.CONTROLLER, True, True, "fuzzy-4-tip"),
-        ("runs/mine.json", Kind.CONTROLLER, False, False, "mine"),
-        ("runs/mine.json-tip", Kind.CONTROLLER, True, False, "mine-tip"),
-        ("ppo-robust", Kind.LEARNED, False, True, "ppo-robust"),
-        ("runs/ppo-1", Kind.LEARNED, False, False, "ppo-1"),
-        ("package.module:factory", Kind.CODE, False, False, "package.module:factory"),
-        ("a.b:c.d", Kind.CODE, False, False, "a.b:c.d"),
+        ("computed-torque", Kind.LAW, False, True),
+        ("computed-torque-tip", Kind.LAW, True, True),
+        ("elastic-observer", Kind.LAW, False, True),
+        ("fuzzy-4-tip", Kind.CONTROLLER, True, True),
+        ("runs/mine.json", Kind.CONTROLLER, False, False),
+        ("runs/mine.json-tip", Kind.CONTROLLER, True, False),
+        ("ppo-robust", Kind.LEARNED, False, True),
+        ("runs/ppo-1", Kind.LEARNED, False, False),
+        ("package.module:factory", Kind.CODE, False, False),
+        ("a.b:c.d", Kind.CODE, False, False),
         # Neither a wrapper nor code: read as folders, which do not exist.
-        ("elastic-observer-tip", Kind.LEARNED, False, False, "elastic-observer-tip"),
-        *((name, Kind.LEARNED, False, False, name) for name in (":b", "a:b:c", "a-b:c", ".a:b")),
+        *((name, Kind.LEARNED, False, False) for name in ("elastic-observer-tip", ":b", "a:b:c", "a-b:c", ".a:b")),
     ],
 )
-def test_every_kind_of_name(name, kind, tip, named, label):
-    spec = resolve(name)
+def test_every_kind_of_name(name, kind, tip, named):
+    spec, label = resolve(name), name.removeprefix("runs/").replace(".json", "")
     assert (spec.name, spec.kind, spec.tip, spec.named, spec.label) == (name, kind, tip, named, label)
 
 
@@ -77,18 +76,22 @@ def test_files_are_known_by_their_content(tmp_path, monkeypatch):
     def files(name):
         return resolve(name).files()
 
-    def sha256(path):
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-
     monkeypatch.chdir(tmp_path)
-    assert files("fuzzy-4") == files("fuzzy-4-tip") == {"fuzzy-4.json": sha256(SHIPPED / "fuzzy-4.json")}
+    four, robust, residual = (
+        hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in (
+            SHIPPED / "fuzzy-4.json",
+            *(TRAINED / f"ppo-{name}/policy.json" for name in ("robust", "residual")),
+        )
+    )
+    assert files("fuzzy-4") == files("fuzzy-4-tip") == {"fuzzy-4.json": four}
     assert files("computed-torque") == files("computed-torque-tip") == files("nobody") == {}
-    assert files("ppo-robust") == {"policy.json": sha256(TRAINED / "ppo-robust" / "policy.json")}
-    residual = {"policy.json": sha256(TRAINED / "ppo-residual" / "policy.json")} | files("fuzzy-4")
-    assert files("ppo-residual") == files(TRAINED / "ppo-residual") == residual
+    assert files("ppo-robust") == {"policy.json": robust}
+    with_base = {"policy.json": residual, "fuzzy-4.json": four}
+    assert files("ppo-residual") == files(TRAINED / "ppo-residual") == with_base
     other_system = (SHIPPED / "fuzzy-4.json").read_bytes().replace(b"\n", b"\r\n")
     Path("mine.json").write_bytes(other_system)
-    assert files("mine.json-tip") == {"mine.json": sha256(SHIPPED / "fuzzy-4.json")}
+    assert files("mine.json-tip") == {"mine.json": four}
     with pytest.raises(OSError, match=r"gone\.json"):
         files("gone.json")
 
@@ -120,29 +123,20 @@ def test_two_policies_of_one_label_are_refused():
         resolve_all(["a/b.json", "c/b"])
 
 
-class TestAddedPolicy:
-    @pytest.fixture(autouse=True)
-    def forgotten(self, monkeypatch):
-        monkeypatch.setattr(registry, "POLICIES", registry.POLICIES.copy())
-        monkeypatch.setattr("fuzzyarm.policies.spec.POLICIES", registry.POLICIES)
-
-    def test_it_is_known_by_its_name(self):
-        add_policy("soft", lambda robot, control_period: ComputedTorquePolicy(robot, control_period, 5.0), has_tip=True)
-        spec = resolve("soft-tip")
-        assert (spec.kind, spec.label, spec.files(), spec.named) == (Kind.LAW, "soft-tip", {}, True)
-        policy = load_policy("soft-tip", control_period=2e-3)
-        assert isinstance(policy, TipPolicy)
-        assert policy.control_period == 2e-3
-        with pytest.raises(
-            ValueError, match=r"choose from: .*learned-observer, .*soft, .*soft-tip. Also accepted: a controller file"
-        ):
-            load_policy("nobody")
-        assert "soft" not in {*EvaluationConfig().policies, *NAMES}  # defaults stay as they are
-
-    def test_names_that_are_taken_or_mean_something_else_are_refused(self):
-        for name in ("", "a-tip", "a.json", "a/b", "a:b", "a\\b", "fuzzy-4"):
-            with pytest.raises(ValueError, match=r"cannot name a policy|policy 'fuzzy-4' already exists"):
-                add_policy(name, ComputedTorquePolicy)
+def test_an_added_policy_is_known_by_its_name_which_is_free_and_means_nothing_else(monkeypatch):
+    monkeypatch.setattr(registry, "POLICIES", registry.POLICIES.copy())
+    monkeypatch.setattr("fuzzyarm.policies.spec.POLICIES", registry.POLICIES)
+    add_policy("soft", lambda robot, control_period: ComputedTorquePolicy(robot, control_period, 5.0), has_tip=True)
+    spec = resolve("soft-tip")
+    assert (spec.kind, spec.label, spec.files(), spec.named) == (Kind.LAW, "soft-tip", {}, True)
+    policy = load_policy("soft-tip", control_period=2e-3)
+    assert isinstance(policy, TipPolicy) and policy.control_period == 2e-3
+    with pytest.raises(ValueError, match=r"choose from: .*learned-observer, .*soft, .*soft-tip. Also accepted: a cont"):
+        load_policy("nobody")
+    assert "soft" not in {*EvaluationConfig().policies, *NAMES}  # defaults stay as they are
+    for name in ("", "a-tip", "a.json", "a/b", "a:b", "a\\b", "fuzzy-4"):
+        with pytest.raises(ValueError, match=r"cannot name a policy|policy 'fuzzy-4' already exists"):
+            add_policy(name, ComputedTorquePolicy)
 
 
 @pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "fuzzy-4-tip"])

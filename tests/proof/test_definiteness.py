@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from fuzzyarm.proof.definiteness import (
-    exact,
-    is_positive_definite,
-    largest_growth,
-    rational,
-    smallest_eigenvalue,
-)
+from fuzzyarm.proof.definiteness import exact, is_positive_definite, largest_growth, rational, smallest_eigenvalue
 
 
 def random_definite(size, smallest, seed=0):

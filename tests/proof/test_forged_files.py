@@ -1,7 +1,6 @@
 """Extreme controller files: one clear line, or an honest report; `abuse` has forged ones."""
 
 import dataclasses
-import functools
 import json
 import re
 
@@ -17,15 +16,12 @@ from fuzzyarm.fuzzy_policy.signed_files import _LARGEST
 from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 from fuzzyarm.proof.certificate import certify
 
-
-@functools.cache
-def shipped(name):
-    return Controller.load(CONTROLLERS[name])
+FOUR = Controller.load(CONTROLLERS["fuzzy-4"])
 
 
 @pytest.mark.parametrize("value", [1.7e308, 5e-324, 0.0, -1.0])
 def test_an_extreme_number_is_refused_with_its_range(tmp_path, capsys, value):
-    path, document = tmp_path / "forged.json", json.loads(shipped("fuzzy-4").to_json())
+    path, document = tmp_path / "forged.json", json.loads(FOUR.to_json())
     del document["digest"]
     for field in ("alpha", "gamma", "fastest_pole", *(("P", "tau", "gains") if value > 1.0 else ())):
         forged = re.sub(r"-?0x[^\"]+", value.hex(), json.dumps(document[field]))
@@ -39,8 +35,7 @@ def test_an_extreme_number_is_refused_with_its_range(tmp_path, capsys, value):
 @pytest.mark.parametrize("field", ["P", "Q", "X", "tau", "gains"])
 @pytest.mark.parametrize("value", slow_but([_LARGEST, 0.0], [_LARGEST, -_LARGEST, 1e-300, 0.0]))
 def test_numbers_at_the_end_of_the_range_prove_nothing(field, value):
-    controller = shipped("fuzzy-4")
-    array = np.full_like(getattr(controller, field), value)
+    array = np.full_like(getattr(FOUR, field), value)
     if field == "P":
         array = np.diag(np.diag(array))
-    assert not certify(dataclasses.replace(controller, **{field: array})).proven
+    assert not certify(dataclasses.replace(FOUR, **{field: array})).proven

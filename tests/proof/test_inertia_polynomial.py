@@ -2,16 +2,9 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
-from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.proof.box_cover import (
-    TrigMatrix,
-    _control_weights,
-    cover,
-    proven_in_balls,
-)
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.proof.box_cover import TrigMatrix, _control_weights, cover, proven_in_balls
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import BASIS, angle_ranges, inertia_polynomial
 from fuzzyarm.synthesis._inertia_metric import _twist_map
@@ -39,7 +32,7 @@ def test_a_split_chain_has_the_inertia_of_the_whole(name, split):
     robot = robot_named(name)
     n, q = len(robot), angles(20, len(robot))
     J, D = _twist_map(robot, q, split), TrigMatrix(inertia_polynomial(robot, split, n)).at(q[:, split:])
-    near = TrigMatrix(inertia_polynomial(robot, 0, split, exact(np.zeros((6 + n - split, 6 + n - split)))))
+    near = TrigMatrix(inertia_polynomial(robot, 0, split, exact(np.zeros(D.shape[1:]))))
     whole = near.at(q[:, 1:split]) + np.swapaxes(J, 1, 2) @ D @ J
     assert np.abs(whole - mass_matrix(robot, q)).max() < 1e-13
     # The constant in place of D goes through the same map.
@@ -49,42 +42,23 @@ def test_a_split_chain_has_the_inertia_of_the_whole(name, split):
     assert np.abs(tail - np.swapaxes(J, 1, 2) @ W.astype(float) @ J).max() < 1e-13
 
 
-def test_two_joints_have_the_inertia_of_the_vertices_of_the_paper_form():
-    """M + I_a is affine in cos q2, and its values at ±1 are the vertices E_1, E_2 of the T-S model.
-
-    The premise's upper bound is a little above 1 there, which is what the tolerance is for.
-    """
-    parameters = ArmParameters()
-    robot = Robot.of(parameters)
-    coefficients = inertia_polynomial(robot, 0, 2).astype(float)
-    vertices = TSModel(parameters, ("z1",)).E_vertices
-    rotors = np.diag(robot.drive("motor_inertia"))
-    for sign, E in zip((-1.0, 1.0), vertices, strict=True):
-        np.testing.assert_allclose(coefficients[0] + sign * coefficients[1] + rotors, E[2:, 2:], rtol=1e-11)
-    assert np.abs(coefficients[2:]).max() < 1e-15
-
-
 def test_control_values_reproduce_the_function():
     """f(q) = Σ f_i κ_i a^(4-i) b^i, and the weights are >= 0 with the sum 1."""
     m, h, t = 0.7, 0.6, np.linspace(-0.6, 0.6, 13)
     weights = np.array(_control_weights(np.cos(m), np.sin(m), np.cos(h), np.sin(h)))
-    a, b = np.sin((h - t) / 2) / np.sin(h), np.sin((h + t) / 2) / np.sin(h)
-    c = np.cos(h)
+    a, b, c = np.sin((h - t) / 2) / np.sin(h), np.sin((h + t) / 2) / np.sin(h), np.cos(h)
     kappa = np.array([1, 4 * c, 2 + 4 * c * c, 4 * c, 1])
     mean = np.array([kappa[i] * a ** (4 - i) * b**i for i in range(BASIS)])
     np.testing.assert_allclose(mean.sum(axis=0), 1.0, rtol=1e-14)
     assert mean.min() >= 0.0
-    q = m + t
-    functions = np.array([np.ones_like(q), np.cos(q), np.sin(q), np.cos(2 * q), np.sin(2 * q)])
+    functions = np.array([np.ones_like(t), *(f(k * (m + t)) for k in (1, 2) for f in (np.cos, np.sin))])
     np.testing.assert_allclose(weights.T @ mean, functions, atol=1e-14)
 
 
 def test_the_excess_of_the_hull_falls_with_the_square_of_the_width():
-    excess = []
-    for h in (0.4, 0.2, 0.1):
-        weights = np.array(_control_weights(1.0, 0.0, np.cos(h), np.sin(h)))
-        excess.append(weights[:, 1].max() - 1.0)  # of cos t about its maximum
-    orders = np.log2(np.array(excess[:-1]) / np.array(excess[1:]))
+    weights = np.array([_control_weights(1.0, 0.0, np.cos(h), np.sin(h)) for h in (0.4, 0.2, 0.1)])
+    excess = weights[:, :, 1].max(axis=1) - 1.0  # of cos t about its maximum
+    orders = np.log2(excess[:-1] / excess[1:])
     assert np.all(np.abs(orders - 2.0) < 0.1)
 
 
@@ -99,8 +73,7 @@ def test_a_cover_proves_what_holds_and_nothing_else():
         assert (witness is None) is holds
         if holds:
             assert proven_in_balls(matrix, boxes)
-            lengths = boxes[:, 0, 1] - boxes[:, 0, 0]
-            assert lengths.sum() == pytest.approx(TURN[0, 1] - TURN[0, 0], rel=1e-12)
+            assert np.diff(boxes[:, 0]).sum() == pytest.approx(np.diff(TURN).sum(), rel=1e-12)
     coefficients[0] = 0.9
     _, witness = cover(TrigMatrix(exact(coefficients)), TURN)
     assert np.cos(witness[0]) + 0.9 <= 0.0

@@ -24,9 +24,10 @@ CIRCLE, STEP = JointReference(), 5e-4
 BY_HAND = Bounds(spread=exact([1, 4]), room=exact([3, 4]), alpha=fmpq(1), gamma2=fmpq(1, 8))
 
 
-def test_two_states_by_hand():
+def test_two_states_by_hand_and_none_where_the_reference_or_the_residual_takes_all_room():
     assert _largest(BY_HAND) == (4.0, 8.0)
     assert _largest(BY_HAND._replace(residual=fmpq(3))) == (4.0, 5.0)
+    assert _largest(BY_HAND._replace(room=(3, fmpq(0))))[0] == _largest(BY_HAND._replace(residual=fmpq(9)))[0] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -45,11 +46,6 @@ def test_two_states_by_hand():
 def test_a_forged_set_is_refused(level, disturbance, changed):
     assert _is_invariant(4.0, 8.0, BY_HAND)
     assert not _is_invariant(level, disturbance, BY_HAND._replace(**changed))
-
-
-def test_no_set_is_found_where_the_reference_or_the_residual_takes_all_room():
-    assert _largest(BY_HAND._replace(room=(3, fmpq(0))))[0] == 0.0
-    assert _largest(BY_HAND._replace(residual=fmpq(9)))[0] == 0.0
 
 
 @pytest.fixture(scope="module")
@@ -113,11 +109,10 @@ def test_the_words_round_downwards_and_say_why_there_is_no_set(found):
     stays = found[1]
     assert f"|d| <= {np.floor(stays.disturbance):.0f} N m at every instant beside the feedforward" in stays.statement
     assert f"never rises above {stays.level} (SI units)" in stays.statement and "|e| <= 0.0376 rad" in stays.statement
-    four = Controller.load(CONTROLLERS["fuzzy-4"])
-    far = ArmParameters(length=(0.2, 0.2))
+    four, short = Controller.load(CONTROLLERS["fuzzy-4"]), TSModel(ArmParameters(length=(0.2, 0.2)))
     cases = {
         "reference alone reaches |r| = 49.8": Controller.load(CONTROLLERS["paper-4"]),
-        "does not follow the paper's circle, the path leaves the reach": dataclasses.replace(four, model=TSModel(far)),
+        "does not follow the paper's circle, the path leaves the reach": dataclasses.replace(four, model=short),
         "of which the feedforward residual may take 116 N m": dataclasses.replace(four, gamma=0.001),
     }
     for words, controller in cases.items():

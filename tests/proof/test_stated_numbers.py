@@ -50,10 +50,8 @@ def test_a_float_is_the_decimal_that_is_printed(value):
 def test_every_number_of_the_words_is_rounded_to_the_side_that_holds(alpha, strip, gamma, box):
     arm = ArmParameters(joint_limit=(box[0], 2.0), velocity_limit=(box[1], 15.0))
     pole = alpha * strip
-    controller = dataclasses.replace(
-        shipped("fuzzy-4"), model=TSModel(arm), alpha=alpha, gamma=gamma, fastest_pole=pole
-    )
-    text = controller_statement(controller)
+    claimed = {"model": TSModel(arm), "alpha": alpha, "gamma": gamma, "fastest_pole": pole}
+    text = controller_statement(dataclasses.replace(shipped("fuzzy-4"), **claimed))
     angle, _ = numbers(r"\|q\| <= \((\S+), (\S+)\) rad", text)
     speed, _ = numbers(r"\|dq/dt\| <= \((\S+), (\S+)\) rad/s", text)
     slowest, fastest = numbers(r"at least as exp\(-(\S+) t\) .* no faster than exp\(-(\S+) t\)", text)

@@ -4,19 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
 import torch
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.cli import main
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import two_joints
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import columns
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, tip_jacobian
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import Scenario, case_for
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, MachiningForce
@@ -27,14 +23,8 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.estimate import signals
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle, EstimateNetwork, respond
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
-    GAP_SHARE,
-    context_parts,
-    scale_of,
-    unexplained_parts,
-    units_of,
-)
 from fuzzyarm.rl_baselines.config import EstimateConfig
 from fuzzyarm.rl_baselines.estimate import _courses as courses_module
 from fuzzyarm.rl_baselines.estimate._courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
@@ -62,13 +52,13 @@ def test_the_network_in_torch_is_the_one_that_is_shipped():
     with torch.no_grad():
         for matrix in (made.V, made.G, made.D):  # whose answer is zero at first
             matrix.normal_(std=0.02, generator=torch.Generator().manual_seed(1))
-    sizes = unexplained_parts(2, 2).belief.stop, context_parts(2, 2).motion.stop, 6
+    sizes = signals.unexplained_parts(2, 2).belief.stop, signals.context_parts(2, 2).motion.stop, 6
     z, c, h = (0.5 * generator.normal(size=(4, size)) for size in sizes)
     tensors = [torch.from_numpy(part).float()[None] for part in (z, c)]
     rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
     network, torques = made.network(), np.array([90.0, 40.0])
     for lane, memory in enumerate(h.copy()):
-        gap = GAP_SHARE * torques * np.sinh(z[lane, unexplained_parts(2, 2).gap])
+        gap = signals.GAP_SHARE * torques * np.sinh(z[lane, signals.unexplained_parts(2, 2).gap])
         answer = respond(z[lane], c[lane], memory, gap, torques, network.layers, 2)
         np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
         np.testing.assert_allclose(after[0, lane].detach().numpy(), memory, atol=1e-6)
@@ -118,7 +108,6 @@ def test_the_teacher_is_the_adaptive_observer_that_knows():
 
 @pytest.fixture
 def few_references(monkeypatch):
-    """Draw courses from eight references."""
     monkeypatch.setattr(courses_module, "_family", lambda arm: reference_family(arm, 8))
 
 
@@ -142,24 +131,23 @@ def test_the_motors_can_do_what_is_drawn(arm):
     courses, adaptive = draw_courses(arm, 12, PERIOD, np.random.default_rng(0)), AdaptiveObserverPolicy(arm, PERIOD)
     errors = tip_errors(dataclasses.replace(courses, delay=np.zeros(12)), 150, arm)
     carried = Teacher(adaptive, courses).beliefs()[:, 4 * 2 :][:, adaptive.belief.payload]
-    assert 4.0 * scale_of(arm).mass < np.max(carried) < 10.001 * scale_of(arm).mass  # kg
+    assert 4.0 * signals.scale_of(arm).mass < np.max(carried) < 10.001 * signals.scale_of(arm).mass  # kg
     assert np.max(errors) < 1.5  # mm; ten times as much where a motor is at its limit
 
 
 def test_units_scale_with_the_arm():
-    assert scale_of(ARM) == (1.0, 1.0, 1.0)
-    same = np.array(units_of(ARM).torque) / ARM.torque_limit
-    np.testing.assert_array_equal(np.array(units_of(SMALL).torque) / SMALL.torque_limit, same)
+    assert signals.scale_of(ARM) == (1.0, 1.0, 1.0)
+    same = np.array(signals.units_of(ARM).torque) / ARM.torque_limit
+    np.testing.assert_array_equal(np.array(signals.units_of(SMALL).torque) / SMALL.torque_limit, same)
     doubled = dataclasses.replace(ARM, length=(1.0, 1.0), mass=tuple(3.0 * np.array(ARM.mass)))
-    assert scale_of(doubled) == pytest.approx((0.5, 3.0, 2.0))
+    assert signals.scale_of(doubled) == pytest.approx((0.5, 3.0, 2.0))
 
 
 @pytest.mark.usefixtures("few_references")
 def test_motors_too_weak_for_any_course_are_named():
     weak = dataclasses.replace(ARM, torque_limit=(30.0, 10.0))
-    with pytest.raises(
-        ValueError, match=r"only 0 of 100 random motions and loads stay within the motors' torque limits; needed: "
-    ):
+    message = "only 0 of 100 random motions and loads stay within the motors' torque limits; needed: "
+    with pytest.raises(ValueError, match=message):
         draw_courses(weak, 1, PERIOD, np.random.default_rng(0))
 
 
@@ -167,8 +155,7 @@ def test_motors_too_weak_for_any_course_are_named():
 def test_the_same_seed_gives_the_same_network():
     trained, again = (EstimateTraining(EstimateConfig(**SHORT)).run() for _ in range(2))
     for field in dataclasses.fields(EstimateNetwork):
-        one, two = getattr(trained.network, field.name), getattr(again.network, field.name)
-        assert one.tobytes() == two.tobytes()
+        assert getattr(trained.network, field.name).tobytes() == getattr(again.network, field.name).tobytes()
     untrained = Student(5, 2, torch.Generator().manual_seed(0), two_joints()).network()
     assert trained.network.A.tobytes() != untrained.A.tobytes()
     assert [row["chunk"] for row in trained.curve] == [0, 1]
@@ -215,7 +202,7 @@ def test_forces_point_where_the_tip_can_move(span):
 @pytest.mark.parametrize(("name", "count"), [("planar-3r", 96), ("ur5", 24)])
 def test_what_is_drawn_is_the_robots(name, count):
     robot = robot_named(name)
-    courses, scale = draw_courses(robot, count, PERIOD, np.random.default_rng(0)), scale_of(robot)
+    courses, scale = draw_courses(robot, count, PERIOD, np.random.default_rng(0)), signals.scale_of(robot)
     assert np.max(courses.payload) <= HEAVIEST * scale.mass
     assert np.max(courses.payload) > 0.3 * case_for("payload", robot).disturbance.payload.mass
     courses.lanes.reset(list(range(count)))

@@ -4,17 +4,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from support.bundles import answering
+from support.bundles import answering, bundle
+from support.results import identical
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.network import Network
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv, FuzzyArmLearnVectorEnv, tracking_reward
 
@@ -88,18 +86,18 @@ def test_observation_reward_and_torque_are_what_the_page_says():
     e, de = o[4:6] - o[:2], o[6:8] - o[2:4]
     expected = [*np.arcsinh(e / 1e-3) / 3, *np.arcsinh(de / 0.02) / 3, *o[4:6], *o[6:8] / 5.0, *o[8:] / 50.0]
     np.testing.assert_allclose(seen, np.clip(expected, -10, 10), rtol=1e-6)
-    lost = info["tip_error"] > 0.2
-    assert reward == (0.0 if lost else pytest.approx(1 - np.log1p(info["tip_error"] / 1e-4) / np.log1p(0.2 / 1e-4)))
+    assert info["tip_error"] > 0.2 and reward == 0.0
     assert tracking_reward(np.array([0.0, 0.2])).tolist() == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
-def test_a_lost_tip_ends_the_episode_without_a_reward():
+def test_a_tip_is_rewarded_until_it_is_lost():
     env = FuzzyArmLearnEnv(**PAPER, early_end=0.01)
     env.reset(seed=0)
     for _ in range(300):
         _, reward, terminated, truncated, info = env.step(np.ones(2))
         if terminated or truncated:
             break
+        assert reward == pytest.approx(1.0 - np.log1p(info["tip_error"] / 1e-4) / np.log1p(0.01 / 1e-4))
     assert terminated and reward == 0.0 and info["tip_error"] > 0.01
     assert info["reason"] == "the tip lost its reference"
     with pytest.raises(gym.error.ResetNeeded):
@@ -114,64 +112,29 @@ def test_seeds_draw_other_starts_and_references_and_repeat_themselves():
     assert not np.array_equal(envs.reset(seed=32)[0], first)
 
 
-def test_computed_torque_as_an_action_earns_what_its_tip_error_says():
-    """A fixed law on the learner's scales: the action space reaches what the default circle needs."""
-    env, policy = FuzzyArmLearnEnv(**PAPER), load_policy("computed-torque", control_period=2e-3)
-    env.reset(seed=0)
-    rewards, state = [], None
-    for _ in range(750):
-        torque, state = policy.predict(env.unwrapped._lane._seen[0], state)
-        _, reward, terminated, truncated, _ = env.step(torque / [500.0, 250.0])
-        rewards.append(reward)
-    assert truncated and not terminated
-    assert 0.5 < np.mean(rewards) < 0.8
-
-
-def test_a_state_goes_on_bit_for_bit():
-    make = lambda: FuzzyArmLearnVectorEnv(3, history=2)  # noqa: E731
-    one, two, rng = make(), make(), np.random.default_rng(1)
+def test_a_state_goes_on_bit_for_bit_and_not_in_other_lanes():
+    one, two, rng = *(FuzzyArmLearnVectorEnv(3, history=2) for _ in range(2)), np.random.default_rng(1)
     one.reset(seed=0)
     actions = rng.uniform(-0.3, 0.3, (60, 3, 2))
     for action in actions[:30]:
         one.step(action)
-    two.set_state(one.get_state())
+    state = one.get_state()
+    two.set_state(state)
     for action in actions[30:]:
-        for a, b in zip(one.step(action)[:4], two.step(action)[:4], strict=True):
-            np.testing.assert_array_equal(a, b)
-
-
-def test_a_state_of_other_lanes_is_refused():
-    envs = FuzzyArmLearnVectorEnv(2, **PAPER)
-    envs.reset(seed=0)
-    state = envs.get_state()
+        assert identical(one.step(action)[:4], two.step(action)[:4])
     with pytest.raises(ValueError, match="other plants, scenarios, randomisation or periods, or to another number"):
-        FuzzyArmLearnVectorEnv(2, "payload").set_state(state)
+        FuzzyArmLearnVectorEnv(3, "payload", history=2).set_state(state)
     with pytest.raises(ValueError, match="must be an array"):
-        FuzzyArmLearnVectorEnv(3, **PAPER).set_state(state)
+        FuzzyArmLearnVectorEnv(2, history=2).set_state(state)
 
 
-def bundle(features, action, seed=0):
-    """A random policy for some features and actions."""
-    rng, size = np.random.default_rng(seed), features.size
-    weights = (0.2 * rng.normal(size=(8, size)), 0.5 * rng.normal(size=(2, 8)))
-    return PolicyBundle(
-        features, action, Network(np.zeros(size), np.ones(size), 10.0, weights, (np.zeros(8), np.zeros(2)))
-    )
+RESIDUAL = ActionDefinition((0.01, 0.02), base="fuzzy-4-tip", smoothing_time=0.03)
 
 
-DEFINITIONS = {
-    "torques": (FeatureDefinition(), ActionDefinition()),
-    "residual": (
-        FeatureDefinition(elastic_target=True),
-        ActionDefinition((0.01, 0.02), base="fuzzy-4-tip", smoothing_time=0.03),
-    ),
-}
-
-
-@pytest.mark.parametrize("name", DEFINITIONS)
-def test_training_and_the_shipped_policy_see_and_do_the_same(name):
+@pytest.mark.parametrize("shipped", [bundle(), bundle(RESIDUAL, elastic_target=True)], ids=["torques", "residual"])
+def test_training_and_the_shipped_policy_see_and_do_the_same(shipped):
     """The network in the training's arms and the bundle in the plain ones: the same episodes, through their ends."""
-    features, action = DEFINITIONS[name]
+    features, action = shipped.features, shipped.action
     base = action.base and load_policy(action.base, control_period=2e-3, allow_unproven=True)
     arguments = {
         "disturbance": Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3)),
@@ -180,9 +143,9 @@ def test_training_and_the_shipped_policy_see_and_do_the_same(name):
     }
     training = FuzzyArmLearnVectorEnv(5, features=features, action=action, early_end=4.0, **arguments)
     plain = gym.make_vec("FuzzyArm-v0", num_envs=5, control_period=2e-3, **arguments)
-    policy = LearnedPolicy(made := bundle(features, action), 2e-3, base=base)
+    policy = LearnedPolicy(shipped, 2e-3, base=base)
     (seen, _), (observation, _) = training.reset(seed=3), plain.reset(seed=3)
-    state, starts, ends, network = None, np.ones(5, dtype=bool), 0, answering(made.network)
+    state, starts, ends, network = None, np.ones(5, dtype=bool), 0, answering(shipped.network)
     for _ in range(60):
         answer = network(seen.astype(float))
         seen, _, *ended, info = training.step(answer)

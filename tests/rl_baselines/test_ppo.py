@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+import stable_baselines3 as sb3
 from support.command_line import without_progress
 
 from fuzzyarm.cli import main
@@ -29,7 +30,6 @@ def test_the_defaults_are_the_registered_task():
 
 
 def test_settings_have_the_names_of_stable_baselines3():
-    sb3 = pytest.importorskip("stable_baselines3")
     theirs = {*inspect.signature(sb3.PPO.__init__).parameters, "log_std_init"}  # the last is of its policies
     assert OWN - theirs == {"final_learning_rate", "asymmetric_critic", "smoothness"}
     assert {"n_steps", "n_epochs", "ent_coef", "vf_coef", "max_grad_norm"} <= OWN
@@ -123,7 +123,6 @@ BAD = {
 
 @pytest.mark.parametrize(("flags", "message"), BAD.items(), ids=BAD)
 def test_on_the_command_line_that_is_one_line_and_exit_code_2(flags, message, tmp_path, capsys):
-    pytest.importorskip("stable_baselines3")
     assert main(["train", "ppo", *flags.split(), "--out", str(tmp_path / "run")]) == 2
     shown = capsys.readouterr()
     lines = [line for line in without_progress(shown.err).splitlines() if line]

@@ -4,16 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
+from support.bundles import answering
+from support.trainings import SMALL_TRAINING, resumed_to_the_bit
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
-from support.bundles import answering  # noqa: E402
-from support.trainings import SMALL_TRAINING, resumed_to_the_bit  # noqa: E402
-
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
-from fuzzyarm.rl_baselines._ppo_policy import NOISE  # noqa: E402
-from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
-from fuzzyarm.rl_baselines.training import Training  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.rl_baselines._ppo_policy import NOISE
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
+from fuzzyarm.rl_baselines.training import Training
 
 SMALL = PPOConfig(**SMALL_TRAINING, asymmetric_critic=True)
 

@@ -8,35 +8,26 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RescaleAction
 from slow_twins import slow_but
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecNormalize
+from support.batches import torques
+from support.results import identical
 
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
-
-pytest.importorskip("stable_baselines3")
-import stable_baselines3 as sb3
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecNormalize
-
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
 LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.4)
 STILL = np.array([0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0])
-LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
 LANES = 4
 
 
-def vector(lanes=LANES, **arguments):
-    """The batched environment."""
-    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, **arguments)
-
-
 def adapted(lanes=LANES, rescaled=False, **arguments):
-    """The adapter under test."""
-    envs = vector(lanes, **arguments)
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, **arguments)
     return StableBaselinesVecEnv(RescaleAction(envs, -1, 1) if rescaled else envs)
 
 
@@ -50,40 +41,25 @@ def monitored(lanes=LANES, rescaled=False, **arguments):
     return DummyVecEnv([make] * lanes)
 
 
-def torques(steps, lanes=LANES, seed=0):
-    """Torques (steps, lanes, 2) that throw arms out of the box now and then."""
-    generator = np.random.default_rng(seed)
-    signs = np.repeat(generator.choice([-1.0, 1.0], (steps // 300 + 1, lanes, 2)), 300, axis=0)[:steps]
-    return signs * generator.uniform(0.5, 1.0, signs.shape) * [500.0, 250.0]
-
-
-def both(wrap=lambda venv: venv, seed=3, **arguments):
+def both(wrap=lambda venv: venv, **arguments):
     """The adapter and the loop with the same seeds, reset."""
     pair = wrap(adapted(**arguments)), wrap(monitored(**arguments))
     for venv in pair:
-        venv.seed(seed)
-    first, second = (venv.reset() for venv in pair)
-    assert same_array(first, second)
+        venv.seed(3)
+    assert identical(*(venv.reset() for venv in pair))
     return pair
-
-
-def same_array(first, second):
-    """Whether two arrays are the same bit for bit."""
-    same_kind = (first.dtype, first.shape) == (second.dtype, second.shape)
-    return same_kind and first.tobytes() == second.tobytes()
 
 
 def assert_same_step(results, others):
     """Compare what two environments return; return why the lanes that ended did."""
-    for one, other in zip(results[:3], others[:3], strict=True):
-        assert same_array(one, other)
+    assert identical(results[:3], others[:3])
     ends = []
     for lane, (info, expected) in enumerate(zip(results[3], others[3], strict=True)):
         if not results[2][lane]:
             assert info == {}
             continue
         ends.append(expected.get("reason", "truncated"))
-        assert same_array(info["terminal_observation"], expected["terminal_observation"])
+        assert identical(info["terminal_observation"], expected["terminal_observation"])
         assert info["TimeLimit.truncated"] is bool(expected["TimeLimit.truncated"])
         assert info.get("reason") == expected.get("reason")
         assert info["episode"]["l"] == expected["episode"]["l"]
@@ -93,7 +69,6 @@ def assert_same_step(results, others):
 
 
 def wrapped(venv):
-    """Wrappers of stable-baselines3, as around its own loop."""
     return VecNormalize(VecFrameStack(VecCheckNan(venv), 2))
 
 
@@ -112,7 +87,7 @@ def test_it_equals_the_loop_over_monitored_single_environments(name):
     venv, loop = both(**arguments)
     assert (venv.observation_space, venv.action_space) == (loop.observation_space, loop.action_space)
     ends = []
-    for action in torques(450):
+    for action in torques(0, 450, LANES):
         action[:2] *= 0.1
         scaled = (action / [500.0, 250.0]).astype(np.float32) if "rescaled" in arguments else action
         ends += assert_same_step(venv.step(scaled), loop.step(scaled))
@@ -146,7 +121,7 @@ def test_an_episode_tells_its_mean_tip_error():
     venv, errors = adapted(2, reference=SHORT), []
     venv.seed(0)
     venv.reset()
-    for action in torques(50, 2):
+    for action in torques(0, 50, 2):
         *_, infos = venv.step(0.1 * action)
         final = venv.vector_info.get("final_info", venv.vector_info)
         errors.append(final["tip_error"])
@@ -160,10 +135,10 @@ def test_an_environment_that_resets_itself_a_step_later_is_refused_and_any_other
         StableBaselinesVecEnv(later)
     same = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
     venv, native = (adapted(reference=SHORT, **how) for how in (same, {}))
-    assert same_array(venv.reset(), native.reset())
-    for action in torques(60):
+    assert identical(venv.reset(), native.reset())
+    for action in torques(0, 60, LANES):
         results, others = venv.step(action), native.step(action)
-        assert all(map(same_array, results[:3], others[:3]))
+        assert identical(results[:3], others[:3])
         assert all((a.keys() == b.keys()) for a, b in zip(results[3], others[3], strict=True))
 
 
@@ -173,10 +148,10 @@ def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
     starts = []
     for _ in range(3):
         starts.append(venv.reset())
-        assert same_array(starts[-1], loop.reset())
+        assert identical(starts[-1], loop.reset())
     assert len(np.unique(np.concatenate(starts), axis=0)) == 3 * LANES
     venv.seed(7)
-    assert same_array(venv.reset(), starts[0])
+    assert identical(venv.reset(), starts[0])
 
 
 OPTIONS = {
@@ -192,8 +167,8 @@ def test_options_hold_for_one_episode_of_each_lane(options):
     for one in (venv, loop):
         one.set_options(options)
     for _ in range(2):  # the second reset knows nothing of them
-        assert same_array(venv.reset(), loop.reset())
-        for action in torques(130):
+        assert identical(venv.reset(), loop.reset())
+        for action in torques(0, 130, LANES):
             assert_same_step(venv.step(action), loop.step(action))
 
 
@@ -208,33 +183,3 @@ def test_attributes_are_found_through_wrappers_and_by_lane():
         venv.get_attr("gravity")
     with pytest.raises(IndexError):
         venv.get_attr("substeps", indices=[LANES])
-
-
-def test_ppo_learns_the_same_as_from_the_loop():
-    def trained(make):
-        venv = VecNormalize(make(rescaled=True, disturbance=NOISY, reference=SHORT))
-        model = sb3.PPO("MlpPolicy", venv, n_steps=64, batch_size=64, n_epochs=2, seed=0, device="cpu")
-        model.learn(2 * 64 * LANES)
-        return model
-
-    model, expected = trained(adapted), trained(monitored)
-    assert model.num_timesteps == 512 and len(model.ep_info_buffer) == 2 * LANES
-    assert [info["l"] for info in model.ep_info_buffer] == [50] * 2 * LANES
-    weights, others = (one.policy.state_dict() for one in (model, expected))
-    assert all(weights[key].equal(others[key]) for key in weights)
-    fresh = sb3.PPO("MlpPolicy", model.env, seed=0, device="cpu").policy.state_dict()
-    assert not all(weights[key].equal(fresh[key]) for key in weights)
-
-
-def test_a_replay_buffer_fills_as_from_the_loop():
-    def filled(make):
-        venv = make(rescaled=True, reference=LONGER)
-        venv.set_options([{"initial_state": state} for state in (STILL, LEAVING, STILL, LEAVING)])
-        model = sb3.SAC("MlpPolicy", venv, learning_starts=10_000, buffer_size=10_000, seed=0, device="cpu")
-        model.learn(420 * LANES)
-        return model.replay_buffer
-
-    buffer, expected = filled(adapted), filled(monitored)
-    for name in ("observations", "next_observations", "actions", "rewards", "dones", "timeouts"):
-        assert same_array(getattr(buffer, name)[:420], getattr(expected, name)[:420]), name
-    assert buffer.timeouts.sum() >= 2 and (buffer.dones - buffer.timeouts).sum() >= 2  # ends of both kinds

@@ -14,11 +14,10 @@ from slow_twins import slow_but
 from support.plain import hold_numpy
 from support.two_joints import PHYSICS, state_of
 
-from fuzzyarm import load_policy
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
 from fuzzyarm.envs.physics.integrator import held_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce, TorqueBias
@@ -51,7 +50,16 @@ def vector_env(num_envs, **arguments):
 
 
 def numbers(tensor):
-    return tensor.detach().cpu().double().numpy()
+    return torch.as_tensor(tensor).detach().cpu().double().numpy()
+
+
+def closed_loop(envs, steps):
+    """Yield what each step of an environment returns whose loop computed torque closes."""
+    policy, state, observation = load_policy("computed-torque"), None, envs.reset(seed=0)[0]
+    for _ in range(steps):
+        action, state = policy.predict(numbers(observation), state)
+        observation, *rest = envs.step(action)
+        yield observation, *rest
 
 
 def wild_actions(steps, lanes, seed=0):
@@ -61,7 +69,7 @@ def wild_actions(steps, lanes, seed=0):
 
 
 def last_info(info, key):
-    """Each lane's value before any reset, of the NumPy environment."""
+    """Each lane's value before any reset, of the NumPy environment; so below."""
     value = np.array(info[key])
     if "final_info" in info:
         ended = info["final_info"][f"_{key}"]
@@ -70,17 +78,13 @@ def last_info(info, key):
 
 
 def reasons(info, lanes):
-    """Numbers of `Termination`, of the NumPy environment."""
     found = info.get("final_info", {}).get("reason", np.full(lanes, None))
     return np.array([next(reason for reason in Termination if reason.text == (text or "")) for text in found])
 
 
 def final_observations(observation, info):
-    """Each lane's observation before any reset, of the NumPy environment."""
-    last = observation.copy()
-    for lane in np.flatnonzero(info.get("_final_obs", [])):
-        last[lane] = info["final_obs"][lane]
-    return last
+    ended = np.flatnonzero(info.get("_final_obs", []))
+    return np.array([info["final_obs"][lane] if lane in ended else seen for lane, seen in enumerate(observation)])
 
 
 def test_the_integrator_on_tensors_equals_numpy(device):
@@ -142,8 +146,7 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
 
 
 def test_a_stiff_arm_has_the_sub_steps_of_the_numpy_environment():
-    stiff = dataclasses.replace(ArmParameters(), stiffness=(1e8, 1e8))
-    given = {"parameters": stiff, "randomisation": "plants"}
+    given = {"parameters": ArmParameters(stiffness=(1e8, 1e8)), "randomisation": "plants"}
     assert TorchFuzzyArm(1, compiled=False, **given).substeps == vector_env(1, **given).substeps == 31
 
 
@@ -153,18 +156,11 @@ def test_a_stiff_arm_has_the_sub_steps_of_the_numpy_environment():
 def test_trajectories_of_the_paper_are_the_numpy_ones(case, compiled, device):
     # Measured: 2e-15 m, rounding of a float64 angle. Computed torque closes both loops, each on its own observations.
     ours = TorchFuzzyArm(2, case=case, dtype=torch.float64, device=device, compiled=compiled)
-    theirs = vector_env(2, case=case)
-    policy, state, their_state = load_policy("computed-torque"), None, None
-    observation, (their_observation, _) = numbers(ours.reset(seed=0)[0]), theirs.reset(seed=0)
-    for step in range(1500):
-        action, state = policy.predict(observation, state)
-        their_action, their_state = policy.predict(their_observation, their_state)
-        tensor, reward, terminated, truncated, info = ours.step(torch.tensor(action, device=device))
-        their_observation, their_reward, _, _, their_info = theirs.step(their_action)
-        observation = numbers(tensor)
-        assert_allclose(observation, their_observation, rtol=0.0, atol=1e-11)
-        assert_allclose(numbers(info["tip_error"]), last_info(their_info, "tip_error"), rtol=0.0, atol=1e-12)
-        assert_allclose(numbers(reward), their_reward, rtol=0.0, atol=1e-10)
+    loops = closed_loop(ours, 1500), closed_loop(vector_env(2, case=case), 1500)
+    for step, ((seen, reward, terminated, truncated, info), theirs) in enumerate(zip(*loops, strict=True)):
+        assert_allclose(numbers(seen), theirs[0], rtol=0.0, atol=1e-11)
+        assert_allclose(numbers(info["tip_error"]), last_info(theirs[4], "tip_error"), rtol=0.0, atol=1e-12)
+        assert_allclose(numbers(reward), theirs[1], rtol=0.0, atol=1e-10)
         assert not terminated.any()
         assert truncated.cpu().tolist() == [step == 1499] * 2
     assert_array_equal(numbers(info["final_obs"])[:, 6:8], 0.0)  # the reference has come to rest
@@ -253,44 +249,13 @@ def test_float32_stays_close_to_float64(case, device):
     # two float32, and torques of at most 500 N m are off by 20 roundings of 6e-8, 6e-4 N m, against a loop stiffness
     # of some 1e4 N m/rad. Measured: 0.11 µm after 400 steps and 0.14 µm after 1499; without the angles' rests 1.8 and
     # 3.8 µm.
-    tips, errors = [], []
-    for dtype in (torch.float32, torch.float64):
-        envs = TorchFuzzyArm(1, case=case, dtype=dtype, device=device, compiled=False)
-        observation, policy, state, infos = numbers(envs.reset(seed=0)[0]), load_policy("computed-torque"), None, []
-        for _ in range(400):
-            action, state = policy.predict(observation, state)
-            tensor, _, _, _, info = envs.step(torch.tensor(action, device=device))
-            observation = numbers(tensor)
-            infos.append(info)
-        tips.append([numbers(info["tip"])[0] for info in infos])
-        errors.append([info["tip_error"].item() for info in infos])
-    assert np.abs(np.subtract(*errors)).max() < 5e-7
-    assert np.linalg.norm(np.subtract(*tips), axis=-1).max() < 5e-7
-
-
-def compare_with_eager(dtype, device, lanes=37, steps=70, **arguments):
-    """Step a compiled and an eager batch through truncations, terminations and bad actions."""
-    ours, theirs = (
-        TorchFuzzyArm(lanes, dtype=dtype, device=device, compiled=how, **arguments) for how in (True, False)
+    short, long = (
+        closed_loop(TorchFuzzyArm(1, case=case, dtype=dtype, device=device, compiled=False), 400)
+        for dtype in (torch.float32, torch.float64)
     )
-    tolerance = {"rtol": 0.0, "atol": 1e-4 if dtype == torch.float32 else 1e-10}
-    (first, _), (their_first, _) = ours.reset(seed=1), theirs.reset(seed=1)
-    assert torch.equal(first, their_first)  # a reset is not compiled
-    actions = wild_actions(steps, lanes)
-    actions[11, 3] = np.nan
-    ended = np.zeros(2, dtype=int)
-    for action in torch.tensor(actions, device=device):
-        observation, reward, terminated, truncated, info = ours.step(action)
-        expected, their_reward, their_terminated, their_truncated, their_info = theirs.step(action)
-        assert torch.equal(terminated, their_terminated)
-        assert torch.equal(truncated, their_truncated)
-        torch.testing.assert_close(observation, expected, **tolerance)
-        torch.testing.assert_close(reward, their_reward, **tolerance)
-        torch.testing.assert_close(info, their_info, **tolerance)
-        torch.testing.assert_close(ours.state, theirs.state, **tolerance)
-        ended += terminated.sum().item(), truncated.sum().item()
-    assert (ended > 0).all()
-    return ours, theirs
+    for (*_, info), (*_, exact) in zip(short, long, strict=True):
+        assert abs(info["tip_error"].item() - exact["tip_error"].item()) < 5e-7
+        assert np.linalg.norm(numbers(info["tip"]) - numbers(exact["tip"])) < 5e-7
 
 
 def test_without_a_compiler_one_line_says_what_to_do(monkeypatch):
@@ -317,11 +282,20 @@ def test_compiled_is_eager(device):
     disturbance = dataclasses.replace(DISTURBED, encoder_noise=None)
     randomisation = DomainRandomisation(angle=(-0.01, 0.01))
     arguments = {"reference": SHORT, "substep": 1e-3, "disturbance": disturbance, "randomisation": randomisation}
-    ours, theirs = compare_with_eager(torch.float32, device, **arguments)
+    ours, theirs = (TorchFuzzyArm(37, device=device, compiled=how, **arguments) for how in (True, False))
+    assert torch.equal(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])  # a reset is not compiled
+    actions, close, ended = wild_actions(70, 37), {"rtol": 0.0, "atol": 1e-4}, np.zeros(2, dtype=int)
+    actions[11, 3] = np.nan
+    for action in torch.tensor(actions, device=device):
+        found = ours.step(action)
+        torch.testing.assert_close(found, theirs.step(action), **close)
+        torch.testing.assert_close(ours.state, theirs.state, **close)
+        ended += [flags.sum().item() for flags in found[2:4]]
+    assert found[0].dtype == torch.float32 and (ended > 0).all()
     # Modes that torch would compile again for.
     action = torch.ones((37, 2), device=device, requires_grad=True)
     with torch.inference_mode():
-        torch.testing.assert_close(ours.step(action)[0], theirs.step(action)[0], rtol=0.0, atol=1e-4)
+        torch.testing.assert_close(ours.step(action)[0], theirs.step(action)[0], **close)
     assert not ours.step(action)[1].requires_grad
 
 

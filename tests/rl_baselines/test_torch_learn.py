@@ -4,8 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
 import torch
 
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv

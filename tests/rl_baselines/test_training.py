@@ -9,9 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
 import torch
 from support.bundles import answering
 from support.trainings import stopped
@@ -40,7 +37,6 @@ SMALL = PPOConfig(**SHORT)
 
 
 def words(flags):
-    """A mapping as a command line."""
     return [word for name, value in flags.items() for word in (f"--{name.replace('_', '-')}", str(value))]
 
 
@@ -52,14 +48,12 @@ def results(folder):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, brief_evaluations):
-    """The folder of an uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     assert main(["train", "ppo", *words(FLAGS), "--out", str(folder)]) == 0
     return folder
 
 
 def config_of(folder):
-    """The configuration of the training of a folder."""
     return PPOConfig.from_dict(read_checkpoint(folder / "checkpoint.pt")["config"])
 
 
@@ -67,8 +61,7 @@ def config_of(folder):
 def test_a_stopped_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     """Stopped here within the process; `tests/abuse` kills trainings."""
     folder = stopped(config_of(whole), tmp_path / "run", 2560)
-    steps = read_checkpoint(folder / "checkpoint.pt")["steps"]
-    assert steps == 2048  # no more than an interval is lost
+    assert read_checkpoint(folder / "checkpoint.pt")["steps"] == 2048  # no more than an interval is lost
     assert results(folder) != results(whole)
     assert main(["train", "ppo", *words(FLAGS), "--out", str(folder)]) == 0
     assert results(folder) == results(whole) and len(results(whole)) >= 3
@@ -82,8 +75,7 @@ def test_a_stopped_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
 def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     """What was done keeps its bits; then the learning rate falls as if the new total had been that of the beginning."""
     folder = shutil.copytree(whole, tmp_path / "run")
-    longer = words(FLAGS | {"total_timesteps": 9216})
-    assert main(["train", "ppo", *longer, "--out", str(folder)]) == 0
+    assert main(["train", "ppo", *words(FLAGS | {"total_timesteps": 9216}), "--out", str(folder)]) == 0
     before, after = ((one / "curve.csv").read_text().splitlines() for one in (whole, folder))
     assert after[: len(before)] == before and len(after) == len(before) + 6
     rows = list(csv.DictReader(after))
@@ -119,9 +111,8 @@ def test_a_run_that_was_killed_before_it_wrote_its_times_writes_them(whole, tmp_
 
 @pytest.mark.parametrize("distribution", ["nominal", pytest.param("robust", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distribution, tmp_path):
-    config = replace(SMALL, distribution=distribution)
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        Training(replace(config, seed=seed), tmp_path / name).run()
+        Training(replace(SMALL, distribution=distribution, seed=seed), tmp_path / name).run()
     a, b, c = (results(tmp_path / name) for name in "abc")
     assert a == b and a["policy/weights.safetensors"] != c["policy/weights.safetensors"]
 
@@ -143,11 +134,8 @@ def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_exten
 
 
 def test_the_shipped_policy_is_the_trained_one(whole):
-    policy, bundle = (
-        Training.resume(config_of(whole), whole).algorithm.model.policy,
-        PolicyBundle.load(whole / "policy"),
-    )
-    rng = np.random.default_rng(0)
+    policy = Training.resume(config_of(whole), whole).algorithm.model.policy
+    bundle, rng = PolicyBundle.load(whole / "policy"), np.random.default_rng(0)
     features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 2.0], (4096, 1))
     action = answering(bundle.network)(features)
     with torch.no_grad():
@@ -187,9 +175,7 @@ def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeyp
         patch.setattr(os, "fsync", full)
         assert main(["train", "ppo", *flags, "--out", str(tmp_path / "run")]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
-    assert re.search(
-        r"checkpoint.pt: No space left on device; the previous checkpoint is intact: restore write access", message
-    )
+    assert "checkpoint.pt: No space left on device; the previous checkpoint is intact: restore write access" in message
     assert not [path for path in (tmp_path / "run").iterdir() if path.name.endswith(".part")]
     assert main(["train", "ppo", *flags, "--out", str(tmp_path / "run")]) == 0
     assert results(tmp_path / "run") == results(tmp_path / "whole")

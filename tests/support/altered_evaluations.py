@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm import Rollout, write_results
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
-from fuzzyarm.eval.evaluation.run import Evaluation, row_of, write_results
+from fuzzyarm.eval.evaluation.run import Evaluation, row_of
 
 NASTY = "<img src=x onerror=alert(1)>&\"'`${1}"  # a file may be called so
 
@@ -25,21 +25,13 @@ def write(evaluation: Evaluation, folder: Path) -> Path:
 
 def with_runs(evaluation: Evaluation, runs: list[Rollout]) -> Evaluation:
     """The same evaluation with these rollouts, of the cases and policies in them."""
-    policies = tuple(dict.fromkeys(run.policy for run in runs))
-    config = dataclasses.replace(
-        evaluation.config, policies=policies, cases=tuple(dict.fromkeys(run.case for run in runs))
-    )
-    return dataclasses.replace(
-        evaluation,
-        config=config,
-        rollouts=runs,
-        rows=[row_of(run) for run in runs],
-        certificates={name: evaluation.certificates.get(name) for name in policies},
-        bounds={name: evaluation.bounds.get(name) for name in policies},
-        declared={name: evaluation.declared.get(name) for name in policies},
-        made_with=evaluation.made_with
-        | {"policy_files": {name: evaluation.made_with["policy_files"].get(name, {}) for name in policies}},
-    )
+    policies, cases = (tuple(dict.fromkeys(getattr(run, field) for run in runs)) for field in ("policy", "case"))
+    changed: dict[str, Any] = {"config": dataclasses.replace(evaluation.config, policies=policies, cases=cases)}
+    for field in ("certificates", "bounds", "declared"):
+        changed[field] = {name: getattr(evaluation, field).get(name) for name in policies}
+    files = {name: evaluation.made_with["policy_files"].get(name, {}) for name in policies}
+    changed["made_with"] = evaluation.made_with | {"policy_files": files}
+    return dataclasses.replace(evaluation, rollouts=runs, rows=[row_of(run) for run in runs], **changed)
 
 
 def scaled(run: Rollout, policy: str, factor: float, **changes: Any) -> Rollout:

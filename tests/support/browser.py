@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import http.client
 import importlib
 import itertools
 import json
@@ -17,20 +18,10 @@ from typing import Any
 
 from websockets.sync.client import connect
 
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--hide-scrollbars",
-    "--remote-debugging-port=0",
-)
+OFF = "gpu", "quic", "background-networking", "component-update", "sync", "dev-shm-usage"
+FLAGS = ("--headless", "--no-sandbox", "--no-first-run", "--hide-scrollbars", "--remote-debugging-port=0")
 PATIENCE = 60.0  # s
+PROBLEMS = "Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"
 
 
 def executable() -> str | None:
@@ -61,12 +52,8 @@ class Tab:
             self._record(message.get("method"), message.get("params", {}))
 
     def _record(self, method: str | None, event: dict[str, Any]) -> None:
-        if method == "Runtime.exceptionThrown":
-            self.problems.append(json.dumps(event["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled":
-            self.problems.append(json.dumps(event["args"]))
-        elif method == "Log.entryAdded":
-            self.problems.append(event["entry"]["text"])
+        if method in PROBLEMS:
+            self.problems.append(json.dumps(event))
         elif method == "Network.requestWillBeSent":
             self.requests.append(event["request"]["url"])
 
@@ -112,10 +99,9 @@ class Tab:
 
     def press(self, key: str, *, shift: bool = False) -> None:
         """Press and release a key, named as in `KeyboardEvent.key`."""
-        text = {"text": key} if len(key) == 1 else {}
-        event = {"key": key, "code": "Space" if key == " " else key, "modifiers": 8 * shift}
-        codes = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39, "Tab": 9}
-        event["windowsVirtualKeyCode"] = codes.get(key, ord(key[0]))
+        number = {"End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39, "Tab": 9}.get(key, ord(key[0]))
+        name, text = "Space" if key == " " else key, {"text": key} if len(key) == 1 else {}
+        event = {"key": key, "code": name, "modifiers": 8 * shift, "windowsVirtualKeyCode": number}
         self.call("Input.dispatchKeyEvent", type="keyDown", **event, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", **event)
 
@@ -135,16 +121,14 @@ class Tab:
 def chromium() -> Iterator[Tab]:
     """Run a Chromium of its own, with a fresh profile, and give its first tab."""
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as profile:
-        command = [str(executable()), *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        off = (f"--disable-{feature}" for feature in OFF)
+        command = [str(executable()), *FLAGS, *off, f"--user-data-dir={profile}", "about:blank"]
         log = Path(profile) / "log.txt"
         with log.open("wb") as output:
             process = subprocess.Popen(command, stdout=output, stderr=output)
         try:
-            port = _port(Path(profile) / "DevToolsActivePort", process, log)
+            address = _first_page(Path(profile) / "DevToolsActivePort", process, log)
             # No pings: they draw from Python's global generator in a thread, whenever they like, in other tests too.
-            with connect(f"ws://127.0.0.1:{port[0]}{port[1]}", max_size=None, ping_interval=None) as browser:
-                target = _first_page(browser)
-            address = f"ws://127.0.0.1:{port[0]}/devtools/page/{target}"
             with connect(address, max_size=None, ping_interval=None) as connection:
                 yield Tab(connection)
         finally:
@@ -152,21 +136,15 @@ def chromium() -> Iterator[Tab]:
             process.wait(PATIENCE)
 
 
-def _port(path: Path, process: subprocess.Popen[bytes], log: Path) -> tuple[str, str]:
-    """Return port and path of the browser's socket once it has written them down."""
+def _first_page(path: Path, process: subprocess.Popen[bytes], log: Path) -> str:
+    """Return the address of the first page once the browser has written its port down."""
     deadline = time.monotonic() + PATIENCE
     while not path.is_file() or path.read_text().count("\n") < 1:
         if process.poll() is not None or time.monotonic() > deadline:
             raise RuntimeError(f"Chromium did not start: {log.read_text(errors='replace')[-2000:]}")
         time.sleep(0.05)
-    port, address = path.read_text().split("\n")[:2]
-    return port, address
-
-
-def _first_page(browser: Any) -> str:
-    browser.send(json.dumps({"id": 1, "method": "Target.getTargets"}))
-    while True:
-        message = json.loads(browser.recv(timeout=PATIENCE))
-        if message.get("id") == 1:
-            targets = message["result"]["targetInfos"]
-            return str(next(target["targetId"] for target in targets if target["type"] == "page"))
+    port = path.read_text().split("\n")[0]
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", int(port), timeout=PATIENCE)) as browser:
+        browser.request("GET", "/json")
+        targets = json.load(browser.getresponse())
+    return str(next(target["webSocketDebuggerUrl"] for target in targets if target["type"] == "page"))

@@ -11,9 +11,8 @@ import itertools
 
 import numpy as np
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm import ArmParameters, Controller
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
-from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
 
 REFERENCE_POLE = 62.0  # rad/s, double pole of (8)

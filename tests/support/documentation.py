@@ -14,6 +14,5 @@ def build(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     """Build the pages into a folder, warnings as errors; return what Sphinx said."""
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", *options, str(ROOT / "docs"), str(folder)]
     # Notebooks that ran before are not run again while their text is the same.
-    return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, env=os.environ | {"TZ": "UTC"}
-    )
+    environment = os.environ | {"TZ": "UTC"}
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)

@@ -6,6 +6,7 @@ import pytest
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
 from fuzzyarm.export.c_files import _random_observations as random_observations
 from fuzzyarm.export.c_files import compilers, export_c
+from support.policies import answers
 
 COMPILERS = compilers()
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
@@ -13,15 +14,6 @@ needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, c
 
 def bits(array):
     return np.asarray(array, dtype=np.float64).view(np.int64)
-
-
-def answers(policy, seen, starts):
-    """Return the policy's own torques (calls, lanes, n), and its last memories."""
-    torques, state = [], None
-    for observation, start in zip(seen, starts, strict=True):
-        torque, state = policy.predict(observation, state, start)
-        torques.append(torque)
-    return np.array(torques), state
 
 
 def assert_same_bits(policy, folder, lanes, calls, compiler=None):

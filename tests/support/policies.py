@@ -18,6 +18,15 @@ def loaded(name: str) -> Policy:
     return load_policy(name)
 
 
+def answers(policy: Policy, seen: np.ndarray, starts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the policy's torques (calls, lanes, n) at one observation after the other, and its last memories."""
+    torques, state = [], None
+    for k, observation in enumerate(seen):
+        torque, state = policy.predict(observation, state, None if starts is None else starts[k])
+        torques.append(torque)
+    return np.array(torques), state
+
+
 def remembered(memory: np.ndarray, physics: Physics) -> Memory:
     """Return the parts of the adaptive observer's memory of one lane as views of it, each in its shape."""
     parts = zip(layout(physics), places(physics), strict=True)

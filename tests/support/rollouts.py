@@ -11,6 +11,5 @@ def made_rollout(time, joints=2, axes=2, **signals):
     base = {"policy": "p", "case": "nominal", "seed": 0, "control_period": 1e-3, "completed": True, "reason": ""}
     base |= dict.fromkeys(("tip", "tip_reference", "external_force"), place)
     base |= dict.fromkeys(("tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use"), still)
-    for name in ("q_motor", "dq_motor", "q_link", "dq_link", "q_reference", "dq_reference", "torque"):
-        base[name] = each
+    base |= dict.fromkeys(("q_motor", "dq_motor", "q_link", "dq_link", "q_reference", "dq_reference", "torque"), each)
     return Rollout(**base | {"step_time": 4e-6, "time": time, "friction_torque": each} | signals)

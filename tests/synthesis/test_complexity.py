@@ -1,5 +1,7 @@
 """Table 2 of the paper to every digit, and true sizes compared with inequalities that are written out."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -38,13 +40,10 @@ def test_full_size_is_that_of_the_theorem_written_out(form, integral, common):
         slack = {name: np.zeros((n_e + 4, n_e + 4)) for name in slack}
     P, M, tau = np.eye(sum(size)), np.zeros((2, n_e)), np.zeros(m)
     variables, rows = 1 + sum(one * (one + 1) // 2 for one in size), len(P)
-    for _ in range(2 * 2):
-        variables += M.size + sum(one.size for one in L.values())
-    for i, _j in ((0, 0), (0, 1), (1, 1)):
-        variables += slack["Q"].size + slack["X"].size
-        for k in range(2):
-            variables += tau.size
-            rows += len(psi(data, i, k, alpha=1.0, gamma2=1.0, P=P, M=M, tau=tau, **L, **slack))
+    variables += 2 * 2 * (M.size + sum(one.size for one in L.values()))
+    variables += 3 * (slack["Q"].size + slack["X"].size + 2 * tau.size)
+    for i, k in itertools.product((0, 0, 1), range(2)):  # of the pairs (0, 0), (0, 1), (1, 1)
+        rows += len(psi(data, i, k, alpha=1.0, gamma2=1.0, P=P, M=M, tau=tau, **L, **slack))
     assert full_size(data) == Size(variables, rows)
 
 

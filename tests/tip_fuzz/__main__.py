@@ -1,28 +1,23 @@
 """Try to find a tube that the checker accepts and a plant that leaves it; print what is found and keep the figures."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json
-import shlex
 import sys
 import time
 import traceback
 from pathlib import Path
-from typing import Any
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.provenance import current_provenance
 
-from .judge import Outcome, row, tried
+from .judge import RATIOS, row, tried
 
 ROOT = Path(__file__).parents[2]
-RATIOS = ("tip", "tube", "column")
 NOTHING = {"tries": 0, "accepted": 0, "control_steps": 0, **dict.fromkeys(RATIOS, 0.0)}
 
 
-def main() -> int:
+def main():
     """Return 1 if a plant left an accepted tube, or a try ended in an error."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0, help="how long to try (default: 60)")
@@ -55,13 +50,12 @@ def main() -> int:
     return 1 if findings else 0
 
 
-def _count(outcome: Outcome, whole: dict[str, Any], parts: dict[str, dict[str, dict[str, Any]]]) -> None:
+def _count(outcome, whole, parts):
     """Count a try: in all, by how its tube was made, and by what was attacked."""
-    claim = outcome.claim
-    kinds = {name: str(value) for name, value in dataclasses.asdict(outcome.attack).items()}
-    kinds |= {"policy": claim.policy, "case": claim.case}
-    kinds |= {"friction": claim.plants.friction, "late": str(claim.plants.late), "later": str(bool(outcome.later))}
-    counted = (parts.setdefault(name, {}).setdefault(value, dict(NOTHING)) for name, value in kinds.items())
+    claim, kinds = outcome.claim, dataclasses.asdict(outcome.attack)
+    kinds |= {"policy": claim.policy, "case": claim.case, "friction": claim.plants.friction}
+    kinds |= {"late": claim.plants.late, "later": bool(outcome.later)}
+    counted = (parts.setdefault(name, {}).setdefault(str(value), dict(NOTHING)) for name, value in kinds.items())
     for one in (whole, *counted):
         one["tries"] += 1
         one["accepted"] += outcome.accepted > 0
@@ -70,11 +64,9 @@ def _count(outcome: Outcome, whole: dict[str, Any], parts: dict[str, dict[str, d
             one[name] = max(one[name], outcome.ratios[name])
 
 
-def _keep(options: argparse.Namespace, seconds: float, counted: dict[str, Any]) -> None:
-    """Write the figures."""
-    words = ["--minutes", f"{options.minutes:g}", "--seed", str(options.seed)]
-    words += ["--first", str(options.first)] if options.first else []
-    command = shlex.join(["python", "-m", "tests.tip_fuzz", *words])
+def _keep(options, seconds, counted):
+    command = f"python -m tests.tip_fuzz --minutes {options.minutes:g} --seed {options.seed}"
+    command += f" --first {options.first}" if options.first else ""
     document = {"schema": "fuzzyarm-tip-fuzz/1", "command": command, **current_provenance(), "seed": options.seed}
     document |= {"first": options.first, "seconds": round(seconds), **counted}
     write_atomically(options.json, json.dumps(document, indent=1) + "\n")

@@ -10,11 +10,11 @@ a velocity passes zero or a net torque exceeds F(0), the step is cut there, to t
 Nothing of the package is used: plain Python floats, one plant after the other.
 """
 
-from __future__ import annotations
-
+import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
+
+from scipy.optimize import brentq
 
 MOST_EVENTS = 400  # in a hold
 
@@ -46,16 +46,16 @@ class ElasticArm(NamedTuple):
     stribeck: float  # v_s [rad/s]
     any_friction: bool = False  # whether friction is a torque that is given, rather than that of the law
 
-    def tip(self, q1: float, q2: float) -> Pair:
+    def tip(self, q1, q2):
         """Return the tip [m]; x points down, along gravity."""
         (l1, l2), q12 = self.length, q1 + q2
         return l1 * math.cos(q1) + l2 * math.cos(q12), l1 * math.sin(q1) + l2 * math.sin(q12)
 
-    def slip_friction(self, j: int, velocity: float) -> float:
+    def slip_friction(self, j, velocity):
         """Return F(|v|) [N m]."""
         return self.coulomb[j] + (self.static[j] - self.coulomb[j]) * math.exp(-((velocity / self.stribeck) ** 2))
 
-    def energy(self, x: Sequence[float]) -> float:
+    def energy(self, x):
         """Return kinetic energy, energy of the bent joints and potential energy [J]."""
         th1, th2, q1, q2, v1, v2, w1, w2 = x
         (l1, _), g = self.length, self.gravity
@@ -78,23 +78,11 @@ class Node(NamedTuple):
     rates: Vector
 
 
-Force = tuple[float, float, float, float]
-"""x, y at the beginning of the hold [N], and their rates [N/s]."""
-
-
-def hold(
-    arm: ElasticArm,
-    state: Vector,
-    torque: Sequence[float],
-    force: Force,
-    stops: Sequence[float],
-    refined: int = 1,
-    given: Sequence[float] = (0.0, 0.0),
-) -> Iterator[Node]:
+def hold(arm, state, torque, force, stops, refined=1, given=(0.0, 0.0)):
     """Yield the motion under a held torque [N m], from the start, at each of `stops` (rising times [s] since then).
 
-    There are `refined` steps of RK4 between two of them, without those that end at an event. `given` are the friction
-    torques [N m] of an arm with any friction.
+    The force is x, y at the beginning [N] and their rates [N/s]. There are `refined` steps of RK4 between two stops,
+    without those that end at an event. `given` are the friction torques [N m] of an arm with any friction.
     """
     field = _field(arm, torque, force, given)
     modes = tuple(_mode(arm, field, 0.0, state, j) for j in range(2))
@@ -109,14 +97,12 @@ def hold(
                 if who is None:
                     now, state = target, after
                     break
-                after = _rk4(field, now, state, modes, part)
-                slipped = bool(modes[who])
-                if slipped:
-                    after = (*after[: 4 + who], 0.0, *after[5 + who :])
-                now, state = now + part, after
-                # A motor that breaks away has |N| = F(0) but for the last digits.
-                away = 1 if _net(arm, field, now, state, who) > 0.0 else -1
-                mode = _mode(arm, field, now, state, who) if slipped else away
+                now, state = now + part, _rk4(field, now, state, modes, part)
+                if modes[who]:
+                    state = (*state[: 4 + who], 0.0, *state[5 + who :])
+                    mode = _mode(arm, field, now, state, who)
+                else:  # a motor that breaks away has |N| = F(0) but for the last digits
+                    mode = 1 if _net(arm, field, now, state, who) > 0.0 else -1
                 modes = (mode, modes[1]) if who == 0 else (modes[0], mode)
                 events += 1
                 if events > MOST_EVENTS:
@@ -124,10 +110,7 @@ def hold(
         yield Node(stop, state, field(stop, state, modes))
 
 
-Field = Callable[[float, Vector, tuple[int, ...]], Vector]
-
-
-def _field(arm: ElasticArm, torque: Sequence[float], force: Force, given: Sequence[float]) -> Field:
+def _field(arm, torque, force, given):
     """Return the right-hand side (t, state, modes) -> rates; modes: 1 and -1 slip, 0 sticks."""
     (l1, l2), g = arm.length, arm.gravity
     (ia1, ia2), (f1, f2), (k1, k2), (b1, b2) = arm.motor_inertia, arm.viscous, arm.stiffness, arm.damping
@@ -142,19 +125,15 @@ def _field(arm: ElasticArm, torque: Sequence[float], force: Force, given: Sequen
     if loose:
         u1, u2 = u1 + given[0], u2 + given[1]
 
-    def rates(t: float, x: Vector, modes: tuple[int, ...]) -> Vector:
+    def rates(t, x, modes):
         th1, th2, q1, q2, v1, v2, w1, w2 = x
         joint1 = k1 * (th1 - q1) + b1 * (v1 - w1)
         joint2 = k2 * (th2 - q2) + b2 * (v2 - w2)
         m1, m2 = modes
-        if loose:
-            a1, a2 = (u1 - joint1 - f1 * v1) / ia1, (u2 - joint2 - f2 * v2) / ia2
-        else:
-            a1 = a2 = 0.0
-            if m1:
-                a1 = (u1 - joint1 - f1 * v1 - m1 * (c1 + (s1 - c1) * math.exp(-((v1 / vs) ** 2)))) / ia1
-            if m2:
-                a2 = (u2 - joint2 - f2 * v2 - m2 * (c2 + (s2 - c2) * math.exp(-((v2 / vs) ** 2)))) / ia2
+        a1, a2 = (u1 - joint1 - f1 * v1) / ia1, (u2 - joint2 - f2 * v2) / ia2
+        if not loose:
+            a1 = m1 and a1 - m1 * (c1 + (s1 - c1) * math.exp(-((v1 / vs) ** 2))) / ia1
+            a2 = m2 and a2 - m2 * (c2 + (s2 - c2) * math.exp(-((v2 / vs) ** 2))) / ia2
         q12 = q1 + q2
         sin2, cos2, sin12, cos12 = math.sin(q2), math.cos(q2), math.sin(q12), math.cos(q12)
         sin1, cos1 = math.sin(q1), math.cos(q1)
@@ -172,24 +151,23 @@ def _field(arm: ElasticArm, torque: Sequence[float], force: Force, given: Sequen
     return rates
 
 
-def _rk4(field: Field, t: float, x: Vector, modes: tuple[int, ...], h: float) -> Vector:
+def _rk4(field, t, x, modes, h):
     half = 0.5 * h
     a = field(t, x, modes)
     b = field(t + half, tuple([p + half * d for p, d in zip(x, a, strict=True)]), modes)
     c = field(t + half, tuple([p + half * d for p, d in zip(x, b, strict=True)]), modes)
     d = field(t + h, tuple([p + h * d for p, d in zip(x, c, strict=True)]), modes)
     sixth = h / 6.0
-    after = [p + sixth * (i + 2.0 * (j + k) + m) for p, i, j, k, m in zip(x, a, b, c, d, strict=True)]
-    return tuple(after)
+    return tuple([p + sixth * (i + 2.0 * (j + k) + m) for p, i, j, k, m in zip(x, a, b, c, d, strict=True)])
 
 
-def _net(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> float:
+def _net(arm, field, t, x, j):
     """Return N [N m] of a motor at rest: its acceleration with the friction of one side, without that friction."""
     modes = (1, 0) if j == 0 else (0, 1)
     return field(t, x, modes)[4 + j] * arm.motor_inertia[j] + arm.slip_friction(j, x[4 + j])
 
 
-def _mode(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> int:
+def _mode(arm, field, t, x, j):
     """Return the mode of a motor, that begins at a state or goes on from it."""
     if arm.any_friction:
         return 0
@@ -199,46 +177,23 @@ def _mode(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> int:
     return 0 if abs(net) <= arm.static[j] else (1 if net > 0.0 else -1)
 
 
-def _first_event(
-    arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], h: float, after: Vector
-) -> tuple[float, int | None]:
+def _first_event(arm, field, t, x, modes, h, after):
     """Return when within a step a mode ends first [s], and whose; None if all last."""
-    first, who = h, None
 
-    def margin(part: float, at: Vector, j: int) -> float:
+    def margin(part, j):
         """Return how far a motor is from an event: a positive number as long as its mode lasts."""
+        at = after if part == h else _rk4(field, t, x, modes, part)
         return modes[j] * at[4 + j] if modes[j] else arm.static[j] - abs(_net(arm, field, t + part, at, j))
 
-    for j in range(2):
-        if arm.any_friction or margin(h, after, j) >= 0.0:
-            continue
-        at = _root(lambda part, j=j: margin(part, _rk4(field, t, x, modes, part), j), h)
-        if who is None or at < first:
-            first, who = at, j
-    return first, who
+    ending = [j for j in range(2) if not arm.any_friction and margin(h, j) < 0.0]
+    return min(((_root(functools.partial(margin, j=j), h), j) for j in ending), default=(h, None))
 
 
-def _root(margin: Callable[[float], float], h: float) -> float:
-    """Return the first part of a step at which a margin is not positive, by bisection between secants (Illinois)."""
-    low, high, below, above = 0.0, h, margin(0.0), margin(h)
-    if below <= 0.0:  # it begins at an event: with its velocity or its margin zero but for rounding
-        for share in (1e-9, 1e-6, 1e-3, 1e-1):
-            if margin(share * h) > 0.0:
-                low, below = share * h, margin(share * h)
-                break
-        else:
-            return 1e-9 * h
-    for _ in range(60):
-        if high - low <= 1e-15 * h:
-            break
-        at = low + (high - low) * below / (below - above)
-        if not low < at < high:
-            at = 0.5 * (low + high)
-        value = margin(at)
-        if value > 0.0:
-            low, below, above = at, value, 0.5 * above
-        else:
-            if value == 0.0:
-                return at
-            high, above, below = at, value, 0.5 * below
-    return high
+def _root(margin, h):
+    """Return the first part of a step at which a margin, negative at its end, is zero.
+
+    A step may begin at an event: with its velocity or its margin zero but for rounding.
+    """
+    shares = (0.0, 1e-9, 1e-6, 1e-3, 1e-1)
+    begins = next((share * h for share in shares if margin(share * h) > 0.0), None)
+    return 1e-9 * h if begins is None else brentq(margin, begins, h, xtol=1e-15 * h, rtol=1e-15)

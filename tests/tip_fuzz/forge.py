@@ -6,28 +6,23 @@ claims is proven if its tube closes. So everything of it is varied here, and the
 smallest tube that closes.
 """
 
-from __future__ import annotations
-
+import contextlib
 import dataclasses
+import functools
 import itertools
-from collections.abc import Iterator, Sequence
-from typing import Any
 from unittest import mock
 
 import numpy as np
 
-from fuzzyarm.envs.physics.records import Physics
-from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
+from fuzzyarm.policies.tip_bound import PERIOD, problem_of
 from fuzzyarm.proof.tip import tube as tube_module
 from fuzzyarm.proof.tip.centre import Centre, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
-from fuzzyarm.proof.tip.friction_bounds import Plan, Speed
-from fuzzyarm.proof.tip.laps import LapSet
-from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
-from fuzzyarm.proof.tip.tube import Problem, Tube
-from fuzzyarm.proof.tip.zonotope import Zonotope
+from fuzzyarm.proof.tip.friction_bounds import Plan
+from fuzzyarm.proof.tip.period import Period, TubeClaim
+from fuzzyarm.proof.tip.tube import Tube
 
-from .sets import JOINTS, Later, policy_of
+from .sets import JOINTS, chosen, policy_of
 
 PLANS = {"own": 1, "monotone": 3, "mixed": 2, "slip": 1, "any": 1, "random": 3}
 CENTRES = {"own": 3, "corner": 3, "modes": 2, "shaken": 2, "aside": 2, "resting": 1, "dragged": 1}
@@ -36,8 +31,6 @@ DIVISIONS = {1: 4, 2: 2, 3: 1, 5: 1, 16: 1}
 """How often each is chosen for the other ones of its kind."""
 
 MOST_PARTS = 130  # of a motion, so that a try takes seconds at most
-
-Claims = list[list[tuple[Segment, TubeClaim]]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,70 +49,49 @@ class Attack:
     division: int  # how many parts at random a control step has
 
 
-def drawn_attack(rng: np.random.Generator) -> Attack:
-    """Return an attack."""
-
-    def chosen(table: dict[Any, int]) -> Any:
-        names = list(table)
-        return names[int(rng.choice(len(names), p=np.array([*table.values()]) / sum(table.values())))]
-
-    return Attack(chosen(PLANS), chosen(CENTRES), chosen(TUBES), chosen(DIVISIONS))
+def drawn_attack(rng):
+    return Attack(*(chosen(table, rng) for table in (PLANS, CENTRES, TUBES, DIVISIONS)))
 
 
-def drawn_fine_attack(rng: np.random.Generator) -> Attack:
+def drawn_fine_attack(rng):
     """Return an attack of velocities that are bounded by themselves in many short parts: little adds up beside them."""
-    return Attack(
-        "monotone", str(rng.choice(["own", "corner"])), "least", int(rng.choice([8, 16, 64], p=[0.4, 0.4, 0.2]))
-    )
+    return Attack("monotone", str(rng.choice(["own", "corner"])), "least", chosen({8: 4, 16: 4, 64: 2}, rng))
 
 
-def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator, later: Later | None = None) -> Claims:
+def forged(claim, attack, rng, later=None):
     """Return the tube of the first control steps of a claim, or of a later lap, as many of them as close."""
     if claim.steps is not None and attack.division * claim.steps > MOST_PARTS:
         claim = dataclasses.replace(claim, steps=max(1, MOST_PARTS // attack.division))
     problem = later.problem if later else problem_of(claim, policy_of(claim.policy))
-    found: Claims = []
-
-    def period(*args: Any) -> Period:
-        return _Period(attack, rng, *args)
-
-    with mock.patch.object(tube_module, "Period", period):
-        try:
-            for step in itertools.islice(_Tube(problem, attack, rng, later and later.start), claim.steps):
-                claimed = [TubeClaim(closed.tube, closed.plans) for closed in step.closed]
-                found.append(list(zip(step.segments, claimed, strict=True)))
-        except (ValueError, ZeroDivisionError, np.linalg.LinAlgError):
-            pass
+    found, period = [], functools.partial(_Period, attack, rng)
+    unclosed = contextlib.suppress(ValueError, ZeroDivisionError, np.linalg.LinAlgError)
+    with mock.patch.object(tube_module, "Period", period), unclosed:
+        for step in itertools.islice(_tube(problem, attack, rng, later and later.start), claim.steps):
+            claimed = [TubeClaim(closed.tube, closed.plans) for closed in step.closed]
+            found.append(list(zip(step.segments, claimed, strict=True)))
     return found
 
 
-class _Tube(Tube):
-    """A tube with another centre."""
-
-    def __init__(self, problem: Problem, attack: Attack, rng: np.random.Generator, start: LapSet | None) -> None:
-        super().__init__(problem, start=start)
-        arm = problem.plant.middle
-        if attack.centre == "corner":
-            moved = {
-                f"{parameter.kind}{parameter.joint + 1}": parameter.half * float(rng.uniform(-1.0, 1.0))
-                for parameter in problem.plant.parameters
-                if parameter.kind in ("stiffness", "damping", "motor_inertia")
-            }
-            arm = arm._replace(**{name: getattr(arm, name) + more for name, more in moved.items()})
-        self._centre = _Centre(arm, problem.plant.physics, attack, rng)
+def _tube(problem, attack, rng, start):
+    """Return a tube with another centre."""
+    tube, arm = Tube(problem, start=start), problem.plant.middle
+    for constant in problem.plant.parameters if attack.centre == "corner" else ():
+        if constant.kind in ("stiffness", "damping", "motor_inertia"):
+            name, more = f"{constant.kind}{constant.joint + 1}", constant.half * float(rng.uniform(-1.0, 1.0))
+            arm = arm._replace(**{name: getattr(arm, name) + more})
+    tube._centre = _Centre(arm, problem.plant.physics, attack, rng)
+    return tube
 
 
 class _Centre(Centre):
     """A centre with the modes, parts and coefficients of an attack."""
 
-    def __init__(self, arm: Any, physics: Physics, attack: Attack, rng: np.random.Generator) -> None:
+    def __init__(self, arm, physics, attack, rng):
         super().__init__(arm, PERIOD, physics)
         self._attack, self._rng = attack, rng
         self._static = [own.dry_friction.static_friction for own in self._drives]
 
-    def segments(
-        self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, drags: Sequence[float | None]
-    ) -> Iterator[Segment]:
+    def segments(self, state, torque, force, drags):
         attack, rng = self._attack, self._rng
         if attack.division == 1 and attack.centre in ("own", "corner", "shaken", "aside"):
             for segment in super().segments(state, torque, force, drags):
@@ -142,9 +114,9 @@ class _Centre(Centre):
             yield segment
             state = segment.end
 
-    def _spoiled(self, segment: Segment) -> Segment:
+    def _spoiled(self, segment):
         """Return a segment with the coefficients and the end of an attack."""
-        rng, angles, end = self._rng, segment.angles.copy(), segment.end.copy()
+        rng, angles, end, modes = self._rng, segment.angles.copy(), segment.end.copy(), segment.modes
         if self._attack.centre == "shaken":
             angles += 10.0 ** rng.uniform(-16.0, -8.0) * rng.normal(size=angles.shape) / 4.0 ** np.arange(8)
             end += 10.0 ** rng.uniform(-16.0, -7.0) * rng.normal(size=end.shape)
@@ -153,42 +125,37 @@ class _Centre(Centre):
             turned = 10.0 ** rng.uniform(-7.0, -3.0, JOINTS) * np.where(end[4:6] > 0.0, -1.0, 1.0)
             angles[:JOINTS, 1] += 0.5 * segment.duration * turned
             end[4:6] += turned
-        modes = segment.modes
-        if self._attack.centre == "aside" and rng.uniform() < 0.3:
-            modes = tuple(Mode(int(m)) for m in rng.choice([-1, 0, 1], JOINTS))
+            if rng.uniform() < 0.3:
+                modes = tuple(Mode(int(m)) for m in rng.choice([-1, 0, 1], JOINTS))
         return Segment(angles, modes, segment.duration, end)
 
 
 class _Period(Period):
     """A period whose plans and tube are those of an attack."""
 
-    def __init__(self, attack: Attack, rng: np.random.Generator, *args: Any) -> None:
+    def __init__(self, attack, rng, *args):
         super().__init__(*args)
         self._attack, self._rng = attack, rng
 
-    def _check_monotone(self, *_: Any) -> None:
+    def _check_monotone(self, *_):
         """Give nothing up: how much a velocity grows is for the search to judge."""
 
-    def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
+    def _plan(self, joint, start, known, friction):
         plans = self._attack.plans
         if friction == "any" or plans == "own":
             return super()._plan(joint, start, known, friction)
         if plans == "random":
-            return Plan(
-                str(self._rng.choice(["any", "held", "slip", "monotone", "mixed"], p=[0.1, 0.1, 0.3, 0.3, 0.2]))
-            )
+            plans = chosen({"any": 1, "held": 1, "slip": 3, "monotone": 3, "mixed": 2}, self._rng)
         return Plan(plans)
 
-    def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
+    def close(self, start, known, *, friction):
         found = super().close(start, known, friction=friction)
         for _ in range(0 if self._attack.tube == "least" else 4):
-            factor = np.ones(len(found.tube))
+            rows = len(found.tube)
             if self._attack.tube == "narrowed":
-                factor -= 0.03 * self._rng.uniform(size=len(factor))
+                factor = 1.0 - 0.03 * self._rng.uniform(size=rows)
             else:
-                factor += self._rng.choice([0.0, 1.0], len(factor)) * 10.0 ** self._rng.uniform(-3.0, 1.0)
-            try:
+                factor = 1.0 + self._rng.choice([0.0, 1.0], rows) * 10.0 ** self._rng.uniform(-3.0, 1.0)
+            with contextlib.suppress(NoBound):
                 found = self.confirm(start, known, TubeClaim(found.tube * factor, found.plans), friction=friction)
-            except NoBound:
-                continue
         return found

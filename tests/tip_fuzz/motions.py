@@ -1,16 +1,14 @@
 """Motions of plants under a sampled policy, in lanes: the law of the package, all else from `arm`."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.policies.tip_bound import PERIOD, TipClaim
+from fuzzyarm.policies.tip_bound import PERIOD
 
 from .arm import Node, hold
-from .sets import Later, Sample, arm_of, policy_of, schedule_of
+from .sets import arm_of, policy_of, schedule_of
 
 SUBSTEPS = 12  # of a control step
 
@@ -23,18 +21,12 @@ class Motion(NamedTuple):
     tip_errors: np.ndarray  # at the end of each control step (steps,) [m]
 
 
-def even_stops(steps: int, count: int = SUBSTEPS) -> list[list[float]]:
+def even_stops(steps, count=SUBSTEPS):
     """Return the ends of equal parts of each control step [s]."""
     return [[PERIOD * (i + 1) / count for i in range(count)]] * steps
 
 
-def simulated(
-    claim: TipClaim,
-    samples: list[Sample],
-    stops: Sequence[Sequence[float]],
-    refined: int = 1,
-    later: Later | None = None,
-) -> list[Motion]:
+def simulated(claim, samples, stops, refined=1, later=None):
     """Return the motions of plants for the first control steps of a claim, or of a later lap.
 
     The policy is the package's own: the proof states the laws again, so that the shipped policy is the right one to
@@ -45,18 +37,19 @@ def simulated(
     table, law, lanes = problem.schedule, problem.law, range(len(samples))
     arms = [arm_of(claim, sample) for sample in samples]
     if later:
-        shares = [[s.share(plants, p.kind, p.joint) for p in problem.plant.parameters] for s in samples]
         centre, (constants, columns) = np.concatenate(later.start[:3]), later.start[3:]
-        begun = [
-            centre + constants @ np.array(share) + columns @ sample.start[: columns.shape[1]]
-            for share, sample in zip(shares, samples, strict=True)
-        ]
     else:
         centre = np.concatenate([problem.start, np.zeros(law.memory)])
-        box = np.zeros((len(centre), 0)) if claim.start is None else claim.start.columns(2, len(centre), law.memory)
-        begun = [centre + box @ sample.start[: box.shape[1]] for sample in samples]
+        constants = columns = np.zeros((len(centre), 0))
+        if claim.start is not None:
+            columns = claim.start.columns(2, len(centre), law.memory)
+    shares = [[s.share(plants, p.kind, p.joint) for p in problem.plant.parameters if later] for s in samples]
+    begun = [
+        centre + constants @ np.array(share) + columns @ sample.start[: columns.shape[1]]
+        for share, sample in zip(shares, samples, strict=True)
+    ]
     states = [tuple(start[:8].tolist()) for start in begun]
-    nodes: list[list[list[Node]]] = [[] for _ in lanes]
+    nodes = [[] for _ in lanes]
     torques, errors = np.zeros((len(samples), len(stops), 2)), np.zeros((len(samples), len(stops)))
     memory = np.repeat(law._held[[table.steps if later else 0], 0], len(samples), axis=0)
     memory[:, law.remembered] = [start[8 : 8 + law.memory] for start in begun]
@@ -67,11 +60,8 @@ def simulated(
         measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[number] for sample in samples])
         seen = np.hstack([measured, np.repeat(table.references[k : k + 1], len(samples), axis=0)])
         asked, memory = policy.predict(seen, memory)
-        asked = np.array(asked, dtype=float) + np.array(problem.guest) * np.array(
-            [sample.guest[number] for sample in samples]
-        )
-        acting = asked if waiting is None or not plants.late else waiting
-        waiting = asked
+        asked = np.array(asked, dtype=float) + np.array(problem.guest) * [sample.guest[number] for sample in samples]
+        acting, waiting = asked if waiting is None or not plants.late else waiting, asked
         for i in lanes:
             sample, arm = samples[i], arms[i]
             factor = sample.force + plants.force_swing * sample.swing[number]
@@ -82,6 +72,5 @@ def simulated(
             found = list(hold(arm, states[i], acting[i].tolist(), line, times, refined, given))
             nodes[i].append(found)
             states[i], torques[i, number] = found[-1].state, acting[i]
-            tip, wanted = arm.tip(*states[i][2:4]), table.targets[k + 1, :2]
-            errors[i, number] = np.hypot(tip[0] - wanted[0], tip[1] - wanted[1])
+            errors[i, number] = math.dist(arm.tip(*states[i][2:4]), table.targets[k + 1, :2])
     return [Motion(nodes[i], torques[i], errors[i]) for i in lanes]

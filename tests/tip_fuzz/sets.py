@@ -1,18 +1,14 @@
 """What is attacked: sets of plants and motions drawn at random, and plants of a set."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
-from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.spec import without_guest
 from fuzzyarm.policies.tip_bound import _PATHS, PERIOD, TipClaim, problem_of
 from fuzzyarm.proof.tip.laps import LapSet, StartBox
@@ -33,36 +29,40 @@ CONSTANTS = (*((kind, joint) for kind in BY_JOINT for joint in range(JOINTS)), (
 
 
 @functools.cache
-def policy_of(name: str) -> Policy:
+def policy_of(name):
     """Return a policy for the period of a claim, without its guest; one is as good as many, as it keeps nothing."""
     return load_policy(without_guest(name)[0], control_period=PERIOD)
 
 
-def drawn_claim(rng: np.random.Generator) -> TipClaim:
+def chosen(table, rng):
+    """Return a key; the values say how often one for the other."""
+    names = list(table)
+    return names[int(rng.choice(len(names), p=np.array([*table.values()]) / sum(table.values())))]
+
+
+def drawn_claim(rng):
     """Return a claim with a set of any kind, for the first control steps of a motion of any speed."""
-    names = list(POLICIES)
-    policy = str(rng.choice(names, p=np.array([*POLICIES.values()]) / sum(POLICIES.values())))
-    case = str(rng.choice(["nominal", "machining", "payload"], p=[0.7, 0.2, 0.1]))
-    steps = int(rng.choice([2, 3, 5, 8, 12, 20, 40], p=[0.2, 0.2, 0.2, 0.15, 0.15, 0.07, 0.03]))
+    policy, case = chosen(POLICIES, rng), chosen({"nominal": 7, "machining": 2, "payload": 1}, rng)
+    steps = chosen({2: 20, 3: 20, 5: 20, 8: 15, 12: 15, 20: 7, 40: 3}, rng)
     duration = round(float(np.exp(rng.uniform(np.log(0.8), np.log(3.0)))), 3)
     path = str(rng.choice(_PATHS))
     return TipClaim(policy, case, "fuzzed", drawn_set(rng, case), path, duration, min(steps, int(duration / PERIOD)))
 
 
-def drawn_light_claim(rng: np.random.Generator) -> TipClaim:
+def drawn_light_claim(rng):
     """Return a claim with little dry friction and wide constants on the motors, for two or three control steps."""
     policy = str(rng.choice([name for name, often in POLICIES.items() if often > 1]))
     names = rng.choice(["motor_inertia", "motor_inertia", "stiffness", "damping", "viscous_friction"], 2)
     halves = rng.uniform(0.1, 0.6, 2)
-    ranges: dict[str, Any] = {str(name): (1.0 - h, 1.0 + h) for name, h in zip(names, halves, strict=True)}
+    ranges = {str(name): (1.0 - h, 1.0 + h) for name, h in zip(names, halves, strict=True)}
     least = 0.0 if rng.uniform() < 0.6 else _size(rng, 1e-3, 0.1)
     plants = PlantSet(dry_friction=(least, least), **ranges)
     return TipClaim(policy, "nominal", "fuzzed", plants, str(rng.choice(_PATHS)), steps=int(rng.integers(2, 4)))
 
 
-def drawn_set(rng: np.random.Generator, case: str) -> PlantSet:
+def drawn_set(rng, case):
     """Return a set: some factors are wide, some narrow, most certain; dry friction is often light or absent."""
-    ranges: dict[str, Any] = {}
+    ranges = {}
     for name in BY_JOINT:
         if rng.uniform() < 0.35:
             halves = _size(rng, 1e-3, 0.6 if name == "motor_inertia" else 0.2), _size(rng, 1e-3, 0.6)
@@ -87,7 +87,7 @@ def drawn_set(rng: np.random.Generator, case: str) -> PlantSet:
     return PlantSet(**ranges)
 
 
-def drawn_start(rng: np.random.Generator) -> StartBox:
+def drawn_start(rng):
     """Return a box of starts, some of whose widths are zero."""
     largest = (1e-4, 1e-5, 1e-2, 1e-2, 1e-5)
     return StartBox(*(0.0 if rng.uniform() < 0.3 else _size(rng, 1e-4 * most, most) for most in largest))
@@ -100,14 +100,13 @@ class Later(NamedTuple):
     start: LapSet
 
 
-def drawn_later(claim: TipClaim, rng: np.random.Generator) -> Later:
+def drawn_later(claim, rng):
     """Return a later lap of a claim, with a set around the end of an episode; `NoBound` where laps differ.
 
     The constants of the plant move the state in the set, as they do at the end of a lap.
     """
-    path = "circle" if claim.path == "line" else claim.path
+    path, policy = "circle" if claim.path == "line" else claim.path, policy_of(claim.policy)
     endless = dataclasses.replace(claim, path=path, steps=None, laps="ever", start=None)
-    policy = policy_of(claim.policy)
     problem, memory = problem_of(endless, policy), None
     env, law = FuzzyArmEnv(claim.case, reference=problem.reference), problem.law
     seen, info = env.reset(seed=0)
@@ -122,22 +121,22 @@ def drawn_later(claim: TipClaim, rng: np.random.Generator) -> Later:
     if (columns := np.hstack([box, thin])).shape[1] > STARTS:
         columns = np.diag(np.abs(columns).sum(axis=1))
     moved = rng.normal(size=(numbers, len(problem.plant.parameters))) * np.abs(columns).sum(axis=1)[:, np.newaxis]
-    assert memory is not None
     return Later(problem, LapSet(start, np.ravel(memory)[law.remembered], held, moved, columns))
 
 
-def _size(rng: np.random.Generator, low: float, high: float) -> float:
+def _size(rng, low, high):
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-@functools.lru_cache(maxsize=64)
-def _whole(policy: str, case: str, path: str, duration: float, steps: int | None) -> Problem:
-    return problem_of(TipClaim(policy, case, "fuzzed", PlantSet(), path, duration, steps), policy_of(policy))
-
-
-def schedule_of(claim: TipClaim) -> Problem:
+def schedule_of(claim):
     """Return the problem of a claim's motion with Table 1 for its set: its schedule and its start are those of all."""
-    return _whole(claim.policy, claim.case, claim.path, claim.duration, claim.steps)
+    certain = TipClaim(claim.policy, claim.case, "fuzzed", PlantSet(), claim.path, claim.duration, claim.steps)
+    return _problem_of(certain)
+
+
+@functools.lru_cache(maxsize=64)
+def _problem_of(claim):
+    return problem_of(claim, policy_of(claim.policy))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,61 +153,51 @@ class Sample:
     guest: np.ndarray  # torque of a guest in a shield (steps, 2)
     start: np.ndarray  # factors of the columns of a set of initial states, or zeros (`STARTS`,)
 
-    def share(self, plants: PlantSet, kind: str, joint: int) -> float:
+    def share(self, plants, kind, joint):
         """Return where a constant lies in its range, -1 to 1."""
         value = self.factors[kind][joint] if kind in BY_JOINT else float(getattr(self, kind))
         low, high = plants.of_joint(kind, joint)
         return (2.0 * value - low - high) / (high - low) if high > low else 0.0
 
 
-def drawn_samples(
-    plants: PlantSet, steps: int, count: int, rng: np.random.Generator, box: bool = False
-) -> list[Sample]:
+def drawn_samples(plants, steps, count, rng, box=False):
     """Return plants of a set: the corners with all ends low and all high, other ones, and every fifth from within."""
-    found = []
+    size = len(CONSTANTS)
     for i in range(count):
-        size = len(CONSTANTS)
-        ends = np.full(size, float(i)) if i < 2 else rng.integers(0, 2, size).astype(float)
+        ends = np.full(size, i) if i < 2 else rng.integers(0, 2, size)
         ends = rng.uniform(size=size) if i % 5 == 4 else ends
-        found.append(sample_at(plants, ends, steps, rng, box))
-    return found
+        yield sample_at(plants, ends, steps, rng, box)
 
 
-def bred_samples(
-    plants: PlantSet, best: np.ndarray, steps: int, count: int, rng: np.random.Generator, box: bool = False
-) -> list[Sample]:
+def bred_samples(plants, best, steps, count, rng, box=False):
     """Return corners near the one whose places in the ranges are given."""
     flips = rng.uniform(size=(count, len(CONSTANTS))) < 0.25
     return [sample_at(plants, np.where(flip, 1.0 - np.round(best), np.round(best)), steps, rng, box) for flip in flips]
 
 
-def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.Generator, box: bool = False) -> Sample:
+def sample_at(plants, places, steps, rng, box=False):
     """Return the plant whose constants lie at `places` in [0, 1] of their ranges, with random courses and corners."""
     at = iter(places.tolist())
 
-    def value(name: str, joint: int) -> float:
+    def value(name, joint):
         low, high = plants.of_joint(name, joint)
         return min(max(low + (high - low) * next(at), low), high)
 
     factors = {name: (value(name, 0), value(name, 1)) for name in BY_JOINT}
     payload, force = value("payload", 0), value("force", 0)
     courses = [rng.choice([-1.0, 1.0], (steps, 11)), np.repeat(rng.choice([-1.0, 1.0], (1, 11)), steps, axis=0)]
-    course = courses[int(rng.integers(2))]
+    friction, swing, course, noise, guest = np.split(courses[int(rng.integers(2))], [2, 3, 5, 9], axis=1)
     start = np.where(rng.uniform(size=STARTS) < 0.5, -1.0, 1.0) if box else np.zeros(STARTS)  # the first count
-    return Sample(
-        factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:9], course[:, 9:], start
-    )
+    return Sample(factors, payload, force, friction, swing[:, 0], course, noise, guest, start)
 
 
-def arm_of(claim: TipClaim, sample: Sample) -> ElasticArm:
+def arm_of(claim, sample):
     """Return the plant of a sample, with what it carries in the claim's case."""
     p = policy_of(claim.policy).parameters
-    assert isinstance(p, ArmParameters)
     load = case_for(claim.case, p).disturbance.payload
 
-    def scaled(name: str, values: tuple[float, float]) -> tuple[float, float]:
-        first, second = sample.factors[name]
-        return first * values[0], second * values[1]
+    def scaled(name, values):
+        return tuple(np.multiply(sample.factors[name], values).tolist())
 
     mass, inertia = scaled("mass", p.mass), scaled("mass", p.inertia)
     carried = [Body(mass[1], p.mass_center[1], inertia[1]), Body(load.mass, load.radius(p))]

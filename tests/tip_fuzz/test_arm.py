@@ -19,24 +19,22 @@ START = (0.7, 0.8, 0.699, 0.802, 0.3, -0.02, 0.25, 0.0)
 TORQUE, FORCE = (67.0, 20.0), (5.0, -3.0, 2e3, 1e3)
 
 
-def exact(claim=None, places=MIDDLE, steps=1):
-    claim = claim or TipClaim("computed-torque-tip", steps=steps)
-    return arm_of(claim, sample_at(claim.plants, places, steps, np.random.default_rng(0)))
+def exact(claim):
+    return sample_at(claim.plants, MIDDLE, claim.steps, np.random.default_rng(0))
 
 
-def path(arm, count, duration=0.1):
+def path(count):
     """Motors that come to rest, and that a rising force breaks away again."""
     start, torque, force = (0.70116, 0.8018, 0.7, 0.8, 0.02, -0.01, 0.0, 0.0), (74.0, 22.0), (0.0, 0.0, 200.0, -400.0)
-    stops = [duration * (i + 1) / count for i in range(count)]
-    return np.array([node.state for node in hold(arm, start, torque, force, stops)])
+    claim, stops = TipClaim("computed-torque-tip", steps=1), [0.1 * (i + 1) / count for i in range(count)]
+    return np.array([node.state for node in hold(arm_of(claim, exact(claim)), start, torque, force, stops)])
 
 
 def test_it_is_of_fourth_order_through_stick_and_slip():
-    arm, counts = exact(), (100, 200, 400)
-    rests = (path(arm, 400)[1:, 4:6] == 0.0).astype(int)
+    counts, rests = (100, 200, 400), (path(400)[1:, 4:6] == 0.0).astype(int)
     assert (np.diff(rests, axis=0) == 1).any(axis=0).all() and (np.diff(rests, axis=0) == -1).any(axis=0).all()
-    fine = path(arm, 3200)[-1]
-    errors = [np.abs(path(arm, count)[-1] - fine).max() for count in counts]
+    fine = path(3200)[-1]
+    errors = [np.abs(path(count)[-1] - fine).max() for count in counts]
     assert np.polyfit(np.log(counts), np.log(errors), 1)[0] < -3.5
     assert errors[-1] < 1e-7
 
@@ -44,7 +42,7 @@ def test_it_is_of_fourth_order_through_stick_and_slip():
 def test_energy_is_what_motors_and_the_tip_force_do_less_what_friction_and_damping_take():
     """The sign of every term: inertia, Coriolis, gravity, elasticity, dry and viscous friction, damping, tip force."""
     claim = TipClaim("computed-torque-tip", "payload", plants=PlantSet(payload=(1.0, 2.0)), steps=1)
-    arm, duration, count = exact(claim), 0.02, 400
+    arm, duration, count = arm_of(claim, exact(claim)), 0.02, 400
     nodes = [*hold(arm, START, TORQUE, FORCE, [duration * (i + 1) / count for i in range(count)])]
     powers = []
     for node in nodes:
@@ -65,7 +63,7 @@ def test_energy_is_what_motors_and_the_tip_force_do_less_what_friction_and_dampi
 def test_it_agrees_with_the_environment(case):
     """The tip differs by what the environment's own time step leaves, 0.2 µm in the whole motion."""
     claim, steps = TipClaim("fuzzy-4-tip", case, steps=60), 60
-    motion = simulated(claim, [sample_at(claim.plants, MIDDLE, steps, np.random.default_rng(0))], even_stops(steps))[0]
+    (motion,) = simulated(claim, [exact(claim)], even_stops(steps))
     env, policy, memory = gym.make("fuzzyarm:FuzzyArm-v0", case=case), load_policy("fuzzy-4-tip"), None
     seen, info = env.reset(seed=0)
     for k in range(steps):

@@ -1,7 +1,4 @@
-"""No plant leaves a tube that the checker accepts, and faults of the proof are found.
-
-The hour's worth is `python -m tests.tip_fuzz --minutes 60 --seed 0`.
-"""
+"""No plant leaves a tube that the checker accepts, and faults of the proof are found."""
 
 import dataclasses
 import json
@@ -22,6 +19,11 @@ from .sets import drawn_later
 
 SLICE = ((0, 0), (0, 2), (0, 5), (0, 6), (0, 9), (0, 16), (0, 21), (0, 49), (1, 4))
 """By seed and number: (0, 2), (0, 9), (0, 16) begin in a box, (0, 5) is a later lap, (0, 49) has a guest."""
+
+
+def outcome_of(claim, later=None, plans="own", division=1):
+    attack = Attack(plans, "own", "least", division)
+    return attacked(Outcome(0, 0, claim, attack, later), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(("seed", "number"), SLICE)
@@ -50,9 +52,9 @@ SMALL = {"stiffness": (0.99, 1.01), "mass": (0.998, 1.002), "damping": (0.9, 1.1
 def test_plants_of_a_set_are_in_its_tube_and_fill_it(plants, case, least):
     policy = "shield:fuzzy-4-tip:any:0.4,0.2" if case == "shield" else "fuzzy-4-tip"
     claim = TipClaim(policy, "nominal" if case == "shield" else case, plants=plants, steps=15)
-    outcome = attacked(Outcome(0, 0, claim, Attack("own", "own", "least", 1)), np.random.default_rng(0))
+    outcome = outcome_of(claim)
     assert outcome.accepted > 10 and not outcome.finding, outcome.finding
-    assert outcome.tip > least, outcome.ratios
+    assert outcome.ratios["tip"] > least, outcome.ratios
 
 
 INERTIA = TipClaim("computed-torque-tip", plants=PlantSet(motor_inertia=(0.5, 1.5), dry_friction=(0.0, 0.0)), steps=2)
@@ -88,36 +90,27 @@ def without_share(monkeypatch):
     monkeypatch.setattr(Friction, "driving", lambda self, net, constants, products: net + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("fault", "claim", "plans"),
-    [
-        (without_constants, INERTIA, "monotone"),
-        (without_products, INERTIA, "mixed"),
-        (force_of_the_middle, FORCE, "own"),
-        (without_share, LIGHT, "monotone"),
-    ],
-)
+FAULTS = [
+    (without_constants, INERTIA, "monotone"),
+    (without_products, INERTIA, "mixed"),
+    (force_of_the_middle, FORCE, "own"),
+    (without_share, LIGHT, "monotone"),
+]
+
+
+@pytest.mark.parametrize(("fault", "claim", "plans"), FAULTS)
 def test_a_fault_of_the_proof_is_found(fault, claim, plans, monkeypatch):
-
-    def judged():
-        return attacked(Outcome(0, 0, claim, Attack(plans, "own", "least", 2)), np.random.default_rng(0))
-
-    assert not judged().finding
+    assert not outcome_of(claim, plans=plans, division=2).finding
     fault(monkeypatch)
-    outcome = judged()
-    assert outcome.finding.startswith("exceeded: ") and "the checker says PROVEN" in outcome.finding
+    finding = outcome_of(claim, plans=plans, division=2).finding
+    assert finding.startswith("exceeded: ") and "the checker says PROVEN" in finding
 
 
 def test_a_lap_that_forgets_what_the_constants_did_is_found(monkeypatch):
     claim = TipClaim("fuzzy-4-tip", plants=PlantSet(stiffness=(0.99, 1.01)), steps=3)
     later = drawn_later(claim, np.random.default_rng(0))
-
-    def judged():
-        attack = Attack("own", "own", "least", 1)
-        return attacked(Outcome(0, 0, claim, attack, later), np.random.default_rng(0))
-
-    outcome = judged()
-    assert outcome.accepted == 3 and not outcome.finding and outcome.column > 0.9
+    outcome = outcome_of(claim, later)
+    assert outcome.accepted == 3 and not outcome.finding and outcome.ratios["column"] > 0.9
     whole = LapSet.deviations
 
     def forgetful(self):
@@ -126,7 +119,7 @@ def test_a_lap_that_forgets_what_the_constants_did_is_found(monkeypatch):
         return made
 
     monkeypatch.setattr(LapSet, "deviations", forgetful)
-    assert judged().finding.startswith("exceeded: ")
+    assert outcome_of(claim, later).finding.startswith("exceeded: ")
 
 
 def test_the_command_keeps_figures_and_a_finding_is_made_again(tmp_path, monkeypatch, capsys):

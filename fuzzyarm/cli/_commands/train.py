@@ -1,8 +1,8 @@
-"""`fuzzyarm train ALGORITHM`: one command for each learning algorithm and one for regression, with its settings.
+"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm and one for regression, each with its own settings.
 
-The folder gets ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last evaluated) and
-``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time). The same command
-resumes a stopped run.
+It writes to its output folder ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last
+evaluated) and ``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time). The same
+command resumes a stopped run.
 """
 
 from __future__ import annotations

@@ -63,5 +63,5 @@ class Options:
                 return 1
         print_margins(tuned.margins, output())
         say(f"\nwritten to {self.out}: {', '.join(tuned.laws.policies)}; {self.out / 'README.md'} lists the decisions")
-        say(f"to compare them, run fuzzyarm evaluate --robot {self.out}")
+        say(f"to compare these policies, run fuzzyarm evaluate --robot {self.out}")
         return 0

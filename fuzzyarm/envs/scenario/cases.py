@@ -156,7 +156,7 @@ def _factors(robot: Robot) -> tuple[float, float]:
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest torque/limit of 1 N at the tip [1/N]: along the curve, along gravity, in any direction."""
+    """Return the largest share of a torque limit per N at the tip: along the curve, along gravity, in any direction."""
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))

@@ -176,7 +176,8 @@ class TipReference(PathReference):
         for k in range(1, len(_STEPS)):
             step = (_STEPS[k] - _STEPS[k - 1]) * slopes[-1]
             if not np.abs(step).max() <= _LONGEST_STEP:
-                raise self._lost(k - 1, postures[-1], f"{self._joint(step)} would have to turn too far in one step")
+                turn = f"would turn by {np.abs(step).max():.3g} rad in a step; allowed: {_LONGEST_STEP:g} rad"
+                raise self._lost(k - 1, postures[-1], f"{self._joint(step)} {turn}")
             postures.append(self._corrected(k, postures[-1], step, points[k]))
             slopes.append(self._slope(postures[-1], tangents[k]))
         coarse = CubicHermiteSpline(_STEPS, np.array(postures), np.array(slopes))

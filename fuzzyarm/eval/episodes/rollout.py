@@ -155,7 +155,7 @@ def run_episode(
         policy: an argument of `load_policy`, or an object with `predict`.
         case: name of the case.
         seed: seed of the episode.
-        robot: the arm, of the environment and of the policy; None: Table 1.
+        robot: the arm of both the environment and the policy; None for the arm of Table 1.
         control_period: time between two actions [s].
         environment: further arguments of `FuzzyArmEnv`.
 

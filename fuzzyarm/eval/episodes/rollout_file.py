@@ -69,7 +69,7 @@ def read_rollouts(path: Path) -> list[Rollout]:
         )
     count = len(arrays) // len(_FIELDS)
     if set(arrays) != {f"{k}.{name}" for k in range(count) for name in _FIELDS}:
-        raise ValueError(f"{path} is damaged (the names of its arrays are not those of complete rollouts)")
+        raise ValueError(f"{path} is damaged (it lacks arrays of a rollout, or has unknown ones)")
     try:
         return [_rollout({name: arrays[f"{k}.{name}"] for name in _FIELDS}) for k in range(count)]
     except ValueError as error:

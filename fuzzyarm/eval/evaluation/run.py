@@ -29,7 +29,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import json_text, made_now
-from fuzzyarm.eval.stability._at_rest import remark_on
+from fuzzyarm.eval.stability._linearisation import remark_on
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
 from fuzzyarm.proof.policy_certificate import certificate_of

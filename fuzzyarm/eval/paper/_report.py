@@ -1,7 +1,7 @@
 """The paper's numbers compared with ours, and the drift from the stored numbers: tables, Markdown and JSON.
 
-``fuzzyarm paper --renew FILE`` writes such numbers. After an intended change, a maintainer writes the
-``expected.json`` of this folder in a checkout.
+``fuzzyarm paper --renew FILE`` stores our present numbers in a file. After an intended change, a maintainer so renews
+the ``expected.json`` of this folder.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ _INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle
 
 
 def _compared_policies() -> dict[str, FuzzyPolicy]:
-    """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
+    """Return the compared policies by their key in `TITLES`; loading the first four repeats their proofs."""
     policies: dict[str, Any] = {key: load_policy(source) for key, source in _SOURCES.items()}
     printed, consistent = (policies[key].controller for key in ("printed-4", "consistent-4"))
     # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `smallest_gamma`.
@@ -202,7 +202,7 @@ class Evidence:
     # Measures of the rollouts.
 
     def circularity(self, case: str, side: str, end: str) -> dict[str, float]:
-        """Return the ``inmost``, ``outmost`` or ``largest`` circularity error [mm] of each controller in a case."""
+        """Return the circularity error [mm] of each controller, by `end`: "inmost", "outmost" or "largest"."""
         ends: Mapping[str, Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}
         return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
 

@@ -60,7 +60,7 @@ def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
     found = [check_bound(path) for path in paths]
     for check in found:
         if not check.proven:
-            raise ValueError(f"{check.path} is not proven: {check.reason}")
+            raise ValueError(f"the bound in {check.path} is not proven: {check.reason}")
     return found
 
 

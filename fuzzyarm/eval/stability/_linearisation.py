@@ -31,7 +31,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
     "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "largest_radius", "linearise_at",
-    "linearise_path",
+    "linearise_path", "remark_on",
 ]  # fmt: skip
 
 
@@ -57,6 +57,8 @@ GAIN_SPAN = 100.0
 """The search for a gain margin goes from κ = 1 up to this factor and down to its inverse."""
 _GAIN_RATIO = 1.1  # ratio of successive factors in this search
 _GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
+_LONG = 0.01  # share of the steps with a motor at its limit, above which there is a remark
+_GROWTH = 1e-6  # tolerance of a spectral radius above 1: a memory that keeps its value has eigenvalue 1
 
 
 class GainLimits(NamedTuple):
@@ -333,3 +335,31 @@ def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray
     ahead, behind = np.split(function(point + np.vstack([np.diag(steps), -np.diag(steps)])), 2)
     with np.errstate(invalid="ignore"):  # `_linearise` refuses what is not finite
         return np.transpose((ahead - behind) / (2.0 * steps[:, np.newaxis]))
+
+
+def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) -> str | None:
+    """Return a line on a policy if a motor is often at its torque limit or its loop is unstable at rest, else None.
+
+    The loop is linearised at rest, in postures of the arm's default path.
+
+    Args:
+        name: name of the policy.
+        policy: the policy to linearise.
+        arm: plant and model of the policy.
+        period: control period [s].
+        share: share of the steps with a motor at its torque limit [1].
+    """
+    limited = f"a motor is at its torque limit in {100.0 * share:.0f} % of the steps; " if share > _LONG else ""
+    try:
+        if policy.action_period != period:
+            raise ValueError("the policy holds each action for several control periods; use fuzzyarm margins")
+        radius = largest_radius(linearise_path(policy, arm, period))
+    except (AttributeError, TypeError, ValueError) as error:
+        reason = f"it is unknown whether its loop is stable on this arm: {' '.join(str(error).split())}"
+        return f"{name}: {limited}{reason}" if limited else None
+    measured = f"spectral radius {radius:.3g} at rest, see fuzzyarm margins"
+    if radius > 1.0 + _GROWTH:
+        return f"{name}: {limited}its loop is unstable on this arm ({measured})"
+    if limited:
+        return f"{name}: {limited}its loop is stable ({measured}), but the motors lack the torque for the motion"
+    return None

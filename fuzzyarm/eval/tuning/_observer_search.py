@@ -67,9 +67,9 @@ def find_observer(context: Context) -> Found:
 
 @functools.lru_cache(maxsize=1)
 def _objective_for(arm: ArmParameters) -> Costs:
-    """Return the objective [mm] as a function of the logarithms (4,) of weights, see `_BOX`; its arms are built once.
+    """Return the objective [mm] as a function of the logarithms (4,) of the weights in `_BOX`.
 
-    The objective is `_UNFIT` or more if a condition is not met.
+    It is `_UNFIT` or more if there are no gains, or if the loop is slower than allowed in one of the conditions.
     """
     plants, allowed, noise = _random_arms(arm), _largest_allowed(arm), Disturbance(encoder_noise=_NOISE)
     noisy = gym.make_vec("FuzzyArm-v0", num_envs=1, disturbance=noise, parameters=arm)

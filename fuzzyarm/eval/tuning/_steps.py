@@ -42,7 +42,7 @@ _RULES: dict[str, dict[str, str]] = json.loads(resources.files(__package__).join
 
 
 class TuningStep(NamedTuple):
-    """A step that finds a policy's parameters by the rule for its arm; `total` is the known number of candidates."""
+    """A step that finds a policy's parameters by the rule for this kind of arm, among `total` candidates."""
 
     policy: str
     total: int

@@ -111,7 +111,7 @@ def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
         raise ValueError(f"{folder} contains no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
     if arm is not None and robot_of(arm).digest != robot_of(own).digest:
-        raise ValueError(f"{folder} was tuned for another arm; leave out --robot, or choose another folder")
+        raise ValueError(f"{folder} contains laws for another arm; leave out --robot, or choose another folder")
     return own
 
 

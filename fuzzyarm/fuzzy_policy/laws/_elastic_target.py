@@ -1,18 +1,17 @@
 """The motor angles that put the tip on the reference, from the observation alone.
 
-The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d); it bends the joints by δ = θ_d - q_d with
+Links on the reference q_d need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d) of the joints. With their
+stiffness K_t and damping B_t it bends them by δ = θ_d - q_d,
 
     B_t δ̇ + K_t δ = τ_d,    so, with b = B_t/K_t,    δ = (τ_d - b τ̇_d + b² τ̈_d - ...)/K_t.
 
 τ_d follows from the reference in the observation; its derivatives are backward differences over the last three
-control periods, so that only a few past values of τ_d are stored. (`envs.scenario.elastic_reference`
-solves the same equation exactly for a reference known beforehand.) The feedforward that moves the motors along θ_d is
+control periods. (`envs.scenario.elastic_reference` solves the same equation exactly for a reference known beforehand.)
+The feedforward that moves the motors (inertia I_a, viscous friction f_v, dry friction F) along θ_d is
 
     u_ff = I_a θ̈_d + f_v θ̇_d + F(θ̇_d) sign θ̇_d + τ_d,
 
 by default at t_k + T/2 instead of t_k: the mean over the next hold, extrapolated from the last two samples.
-
-Any policy can use it, because it reads only the observation.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ __all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "motor_target", "p
 
 
 class Past(NamedTuple):
-    """The memory of the target from one sample to the next."""
+    """The memory of `ElasticTarget` from one sample to the next."""
 
     started: Any  # 1 once there has been a sample, else 0
     latest: Any  # τ_d of the last sample [N m]
@@ -48,7 +47,7 @@ class Past(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], joint by joint, in the same order as a reference."""
+    """The motors' target: angles θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], joint by joint."""
 
     q: Any
     dq: Any
@@ -56,7 +55,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff includes dry friction else 0, and the extrapolation of u_ff in units of T."""
+    """Links, motors, T [s], 1 if u_ff includes dry friction (else 0), and the periods T by which it is extrapolated."""
 
     arm: Any
     drives: Drives
@@ -66,12 +65,12 @@ class TargetConstants(NamedTuple):
 
 
 def past_of(joints: int) -> Past:
-    """Return the memory before the first sample."""
+    """Return the memory of `ElasticTarget`, for a number of joints, before the first sample."""
     return Past(0.0, *[(0.0,) * joints] * 4)
 
 
 def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) -> tuple[Any, Any, Any, Any]:
-    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction of one joint, for q_d [rad] and its derivatives.
+    """Return one motor's θ_d, θ̇_d, θ̈_d and u_ff [N m] without dry friction, for q_d [rad] and its derivatives.
 
     `torques` are τ_d [N m] of this sample and of the three before it, the latest first; `drive` are the `Drives` of the
     joint, T [s] is the control period.
@@ -87,14 +86,14 @@ def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) ->
 
 
 def dry_friction_ahead(velocity: Any, acceleration: Any, dry: Any, c: TargetConstants) -> Any:
-    """Return the dry friction [N m] of a joint at the middle of the next hold, for θ̇_d and θ̈_d."""
+    """Return a motor's dry friction [N m], with parameters `dry`, `c.ahead` periods after it has this velocity."""
     middle = velocity + c.ahead * c.period * acceleration
     return stribeck_magnitude(middle, dry) * sign(middle)
 
 
 @functools.cache
 def target_of(physics: Physics) -> Any:
-    """Return ``target(past, seen, constants)`` for arms with these equations; it returns (past, `Aim`, u_ff)."""
+    """Return ``target(past, seen, constants)`` for arms with these equations; it returns (next `Past`, `Aim`, u_ff)."""
 
     def target(past: Past, seen: Observation, c: TargetConstants) -> tuple[Past, Aim, tuple[Any, ...]]:
         torque = physics.inverse_dynamics(seen.q_reference, seen.dq_reference, seen.ddq_reference, c.arm)
@@ -117,7 +116,7 @@ def target_of(physics: Physics) -> Any:
 
 
 class ElasticTarget:
-    """θ_d, its derivatives and u_ff, sample by sample; the equations are in the module's docstring."""
+    """The motors' target θ_d, its derivatives and u_ff, sample by sample; see the module's docstring."""
 
     def __init__(
         self, parameters: AnyArm, control_period: float, *, friction: bool = True, average: bool = True
@@ -135,11 +134,11 @@ class ElasticTarget:
 
     @property
     def of(self) -> Any:
-        """The function of `target_of` for the arm."""
+        """The function that `target_of` returns for the arm."""
         return target_of(equations_of(self._parameters))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
-        """Fill θ_d, θ̇_d, θ̈_d (lanes, 3 n) [rad, s] and u_ff (lanes, n) [N m], not clipped; advance the memory.
+        """Fill `target` with θ_d, θ̇_d, θ̈_d [rad, s] and `feedforward` with unclipped u_ff [N m]; advance the memory.
 
         Only the reference in `observation` (lanes, 5 n) is used. A memory (lanes, memory_size) of zeros begins an
         episode with the arm at rest.

@@ -35,7 +35,7 @@ _SAMPLES, _SEED = 64, 2022  # of the random angles over which M is averaged
 
 
 class GainSchedule(NamedTuple):
-    """The points of the tables, and how they are found."""
+    """The points at which gains are tabulated, and the angles that determine them."""
 
     kept: tuple[int, ...]  # indices of the k joints over which gains are tabulated
     cosine: bool  # whether the points are evenly spaced in the cosine of the single angle, rather than in the angles
@@ -45,7 +45,7 @@ class GainSchedule(NamedTuple):
 
 
 def schedule_of(arm: AnyArm) -> GainSchedule:
-    """Return the schedule of the two-joint arm or of a robot."""
+    """Return the points at which gains are tabulated for the two-joint arm or a robot."""
     if isinstance(arm, Robot):
         return _of_robot(arm)
     schedule = GainSchedule((1,), True, len(_GRID), tuple(f"cos q2 = {cos2:g}" for cos2 in _GRID), np.empty(0))
@@ -53,7 +53,7 @@ def schedule_of(arm: AnyArm) -> GainSchedule:
 
 
 def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.ndarray:
-    """Return M (points, n, n) [kg m²] at the points of an arm's schedule with a payload [kg] at the tip."""
+    """Return the mass matrix (points, n, n) [kg m²] at the schedule's points, with a payload [kg] at the tip."""
     if isinstance(arm, Robot):
         return _inertia_at(arm.with_payload(payload), _turned_to(random_angles(arm), list(schedule.kept)))
     constants = arm_constants(arm, Payload(payload))
@@ -107,7 +107,7 @@ def random_angles(robot: Robot) -> np.ndarray:
 
 
 def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
-    """Return M (n, n) [kg m²] of the point with the largest weight at angles q (n,) [rad]."""
+    """Return the mass matrix (n, n) [kg m²] at the schedule's point with the largest weight for angles q (n,) [rad]."""
     corners = corners_of(q.tolist(), *schedule[:3])
     nearest, _ = max(corners, key=lambda corner: corner[1])
     inertia: np.ndarray = schedule.inertia[int(nearest)]
@@ -115,7 +115,7 @@ def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
 
 
 def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
-    """Return copies of angles (k, n), one per combination of points of the kept angles; the last changes fastest."""
+    """Return copies of `angles` (samples, n) [rad], the `kept` ones set to each point; the last changes fastest."""
     turned = []
     for place in itertools.product(2.0 * np.pi * np.arange(_POINTS) / _POINTS, repeat=len(kept)):
         q = angles.copy()
@@ -125,7 +125,7 @@ def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
 
 
 def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list[tuple[Any, Any]]:
-    """Return (row number, weight) of each of the 2^k points around angles q (n,) [rad]; weights add up to 1."""
+    """Return (table row, weight) of the 2^k points around angles q (n,) [rad]; arguments as in `GainSchedule`."""
     corners: list[tuple[Any, Any]] = [(0.0, 1.0)] * (1 << len(kept))
     for number, joint in enumerate(kept):
         if cosine:
@@ -144,7 +144,7 @@ def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list
 
 
 def on_table(table: Any, corners: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
-    """Return y + sign G x, with G (len(y), len(x)) interpolated between the corners' rows of a table."""
+    """Return y + sign G x; G (len(y), len(x)) is the sum of the table's rows weighted as `corners_of` returns."""
     if RECORDERS and hasattr(RECORDERS[-1], "interpolated"):
         return RECORDERS[-1].interpolated(table, corners, sign, x, y)  # type: ignore[no-any-return]
     for place, weight in corners:

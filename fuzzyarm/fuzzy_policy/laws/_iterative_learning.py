@@ -2,10 +2,10 @@
 
     u_j(k) = u_ff(k) + v_j(k) + w_j(k),     w_(j+1) = Q (w_j + v_j),     w_1 = 0.
 
-v_j is the law's feedback in pass j, w_j the learned torque, and Q a zero-phase Butterworth filter. Let T be the closed
-loop from a torque at the motors to minus the law's response. Then w_(j+1) = Q ((1 - T) w_j + T d) for a torque d that
-repeats in every pass, which converges where |Q (1 - T)| < 1. Like every policy, this one measures only the motors: it
-moves them to their target for the unloaded arm, and does not correct the bending caused by a load.
+At sample k of pass j, u_ff is the feedforward, v_j the law's feedback, w_j the learned torque, and Q a zero-phase
+Butterworth filter. Let T be the closed loop from a torque at the motors to -v_j. Then w_(j+1) = Q ((1 - T) w_j + T d)
+for a torque d that repeats in every pass, which converges where |Q (1 - T)| < 1. The policy measures only the motors:
+it moves them to their target for the unloaded arm, and does not correct the bending caused by a load.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _PADDING = 60  # samples
 
 @dataclasses.dataclass
 class LearnedTorque:
-    """The learner's state between two samples."""
+    """The state of `TorqueLearning` between two samples."""
 
     memory: np.ndarray  # memory of the policy, (lanes, memory_size)
     learned: np.ndarray  # w of this pass [N m], (samples, lanes, n); empty in the first pass

@@ -6,8 +6,7 @@ All results are computed with +, -, * and / in a fixed order, see `fuzzyarm.numb
 axes, one matrix for each of several postures.
 
 The equation is solved by doubling (Chu, Fan, Lin and Wang, International Journal of Control 77, 2004), which preserves
-its structure: for the arms of this package the gains have relative errors of about 1e-13, compared with 1e-9 for the
-generalised Schur form in SciPy.
+its structure: for the arms of this package the gains have relative errors of about 1e-13.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _TERMS = 14  # of the Taylor series of the exponential, for a matrix with a norm
 
 
 def exponential(matrix: np.ndarray) -> np.ndarray:
-    """Return exp(matrix), (..., n, n): by a Taylor series of E(y) = exp(y) - 1 and E(2y) = 2 E(y) + E(y)²."""
+    """Return the exponential (..., n, n), by a Taylor series of E(y) = exp(y) - 1, and E(2y) = 2 E(y) + E(y)²."""
     halvings = max(0, 1 + int(np.frexp(np.abs(matrix).sum(axis=-2).max())[1]))
     small = matrix * 0.5**halvings
     less_one = np.zeros_like(matrix)
@@ -37,7 +36,7 @@ def exponential(matrix: np.ndarray) -> np.ndarray:
 
 
 def riccati(A: np.ndarray, G: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return the stabilising solution P of the module's equation, each (..., n, n), G and Q symmetric and >= 0.
+    """Return the stabilising P = Q + Aᵀ P (I + G P)⁻¹ A, all (..., n, n), for symmetric G and Q >= 0.
 
     With A_0 = A, G_0 = G, P_0 = Q and W = (I + G_k P_k)⁻¹,
 

@@ -3,7 +3,7 @@
     u = M(q) (q̈_d - 3ω ė - 3ω² e - ω³ x_I) + C(q, q̇) q̇ + g(q) + f_v q̇,      e = q_a - q_d,   x_I = ∫ e dt,
 
 M includes the motor inertias, and q and q̇ are measured at the motors. On the rigid arm the loop has a triple pole at
--ω. The law has the same information, integral action and torque limits as the fuzzy policy.
+-ω.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ class ComputedTorquePolicy(LawPolicy):
     def __init__(
         self, parameters: AnyArm | None = None, control_period: float = 1e-3, bandwidth: float | None = None
     ) -> None:
-        """Prepare the law for an arm (default Table 1), T [s] and ω [rad/s] (default `bandwidth_for`)."""
+        """Prepare the law for an arm (default Table 1), a period [s] and ω [rad/s], by default `bandwidth_for` them."""
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
         self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The computed-torque law; its memory is x_I."""
         arm, drives = numbers_of(self.parameters)
         constants = self.bandwidth, self.control_period, arm, drives
         return Law(_law_of(equations_of(self.parameters)), (0.0,) * self.joints, constants)
@@ -53,7 +53,7 @@ class ComputedTorquePolicy(LawPolicy):
 
 @functools.lru_cache(maxsize=32)
 def bandwidth_for(arm: AnyArm, control_period: float) -> float:
-    """Return the default ω [rad/s] for an arm and a control period [s].
+    """Return the default bandwidth ω [rad/s] for an arm and a control period [s].
 
     The value for the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py`` (commit 2839bc83): the
     largest that stays stable with twice the loop gain and with one sample of delay. The same rule applies to a robot at
@@ -70,7 +70,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 
 
 def _linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
-    """Return the law for a bandwidth [rad/s], linearised near rest at a posture; its memory is x_I."""
+    """Return computed torque with a bandwidth [rad/s], linearised near rest at a posture; its memory is x_I."""
     inertia = place.inertia + np.diag(place.robot.drive("motor_inertia"))
     return observer_gains.linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
 

@@ -14,7 +14,7 @@ the links. The prediction uses the clipped torque, which the motors apply, so th
 
     predict   (x̂, d̂)⁻ = the step of the nominal elastic arm without dry friction under u - μ(|θ̇_d|) sign θ̇_d.
 
-Its prediction has no sticking, hence no branches, so its motions over a set of arms stay together and can be enclosed.
+Its prediction has no sticking, hence no branches, so its motions over a set of arms can be enclosed.
 
 K and L are tabulated by `observer_gains` over the angles of `gain_schedule` and interpolated. d̂ provides the integral
 action: a constant torque on the links leaves no error at the tip.
@@ -95,7 +95,7 @@ class ElasticObserverPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The observer's law; its memory is an `Observed`."""
         memory = Observed(past_of(self.joints), 0.0, Estimate(*[(0.0,) * self.joints] * len(Estimate._fields)))
         tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
         smooth_arm = numbers_of(without_dry_friction(self.parameters))[0]
@@ -116,13 +116,13 @@ class ElasticObserverPolicy(LawPolicy):
 
 
 class SmoothObserverPolicy(ElasticObserverPolicy):
-    """The observer with a prediction without sticking, see the module's docstring; same arguments and memory."""
+    """The elastic observer, predicting without sticking, see the module's docstring; same arguments and memory."""
 
     _smooth = True
 
 
 class Observed(NamedTuple):
-    """The memory: the target's memory, a flag that is 1 after the first sample, and (x̂, d̂)⁻."""
+    """The memory: the target's memory, a flag that is 1 after the first sample, and the prediction (x̂, d̂)⁻."""
 
     past: Past
     started: Any
@@ -130,7 +130,7 @@ class Observed(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """The target's constants, the torque limits [N m], and length [s] and number of the prediction's sub-steps."""
+    """Constants of the law: of the target, torque limits [N m], length [s] and number of the prediction's sub-steps."""
 
     target: TargetConstants
     limit: Any
@@ -139,7 +139,7 @@ class Constants(NamedTuple):
 
 
 class _Corrected(NamedTuple):
-    """A sample after its correction: memory and aim of the target, u_ff, (x̂, d̂), ν, and the table points of K."""
+    """A corrected sample: the target's memory and `Aim`, u_ff, estimate (x̂, d̂), innovation ν, and table rows of K."""
 
     past: Past
     aim: Any
@@ -151,7 +151,7 @@ class _Corrected(NamedTuple):
 
 @functools.cache
 def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> tuple[Any, Any, Any]:
-    """Return the steps of a sample, for arms with these equations and gains over these angles, see `gain_schedule`.
+    """Return the functions correct, act and predict for arms with these equations and gains as in `GainSchedule`.
 
     ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by the measurements and returns a `_Corrected`.
     ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].

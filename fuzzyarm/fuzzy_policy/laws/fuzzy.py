@@ -1,4 +1,4 @@
-"""The fuzzy policy: parallel distributed compensation (12) of a controller file.
+"""The fuzzy policy: parallel distributed compensation, (12) of the paper, from a controller file.
 
     u = K_hv e + H_hv x_I + L_hv r,   r = (q_d, q̇_d, q̈_d),   e = (q_a - q_d, q̇_a - q̇_d).
 
@@ -25,7 +25,7 @@ __all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(LawPolicy):
-    """The law of a controller file as a policy; see the module's docstring."""
+    """The fuzzy law of a `Controller` as a policy; see the module's docstring."""
 
     integral_at: int | None = 0
 
@@ -35,7 +35,7 @@ class FuzzyPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The fuzzy law; its memory is x_I."""
         model, n_e = self.controller.model, self.controller.gains.shape[-1]
         arm = arm_constants(model.parameters)
         # Without the integral the gain H is zero, so that one law serves both cases.
@@ -52,10 +52,10 @@ class FuzzyPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
-    """Return the law for controllers with these premises in A and `of_E` vertices of E.
+    """Return the fuzzy law of controllers with the premises `kept_in_A` in A, and `of_E` vertices of E.
 
     Its constants are the gains [K H | L] of each rule and joint, the bounds of the premises, c2 [kg m²], c4 and c5
-    [N m] of (3), and T [s].
+    [N m] of (3) in the paper, and T [s].
     """
     blending = {*kept_in_A, *range(of_E - 1)}  # z1 alone blends E
 

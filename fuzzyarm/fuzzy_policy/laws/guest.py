@@ -4,7 +4,7 @@
 
 Where π is not a number, u = u_f. Since |u - u_f| <= δ whatever the guest does, a proof for the law with any additional
 torque of that size holds for every guest, see `docs/theory/shield.md`. The law receives no data from the guest. A guest
-that integrates an error, or predicts the arm under its own torque, receives u; otherwise it would wind up.
+that integrates an error, or predicts the arm under its own torque, receives u.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["ShieldedPolicy"]
 
 
 def _admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
-    """Return u [N m] joint by joint for the torques u_f of the law, π of the guest and δ."""
+    """Return u_f + clip(π - u_f, ±δ) [N m] joint by joint, u_f if π is nan, for `law` u_f, `asked` π, `margin` δ."""
     return tuple(
         select(wanted == wanted, maximum(minimum(wanted, own + most), own - most), own)
         for own, wanted, most in zip(law, asked, margin, strict=True)
@@ -32,10 +32,10 @@ def _admitted(law: Any, asked: Any, margin: Any) -> tuple[Any, ...]:
 
 
 class ShieldedPolicy(LawPolicy):
-    """The policy of the module's docstring. Its memory is the law's memory, then the guest's memory."""
+    """The policy `guest`, with torques kept within δ of those of `law`; the memory is the law's, then the guest's."""
 
     def __init__(self, law: Policy, guest: Policy, margin: Any, *, beside: bool = False) -> None:
-        """Store a law, a guest and δ (n,) [N m]; π is the guest's torque, plus u_f if `beside` is true.
+        """Store law, guest and δ = `margin` (n,) [N m]; if `beside` is true, the guest's torque is added to the law's.
 
         ValueError if the law is not a `Law`, guest and law are for different arms or control periods, or δ is not a
         positive number for each joint.
@@ -59,7 +59,7 @@ class ShieldedPolicy(LawPolicy):
         return ShieldedPolicy(*smooth, self.margin, beside=self.beside)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`; where the guest raises ValueError or ArithmeticError, u = u_f."""
+        """Act as in `Policy.act`; if the guest raises ValueError or ArithmeticError, u = u_f, the law's torque."""
         if self.control_law is not None:
             super().act(observation, memory, torque)
             return
@@ -77,7 +77,7 @@ class ShieldedPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law | None:  # type: ignore[override]
-        """The law of the module's docstring; None if the guest has no `Law`."""
+        """The law with the guest in its shield; None if the guest has no `Law`."""
         law, guest = law_of(self.law), law_of(self.guest)
         if law is None or guest is None:
             return None

@@ -10,15 +10,14 @@ is linearised without gravity and dry friction, see `_sampled_arm`; near rest a 
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
-where x is the plant's state (4 n,), and u is held over a period, at once or one period late. `fuzzyarm.eval.stability`
-measures the same for any policy, with gravity, at postures of a path.
+where x is the plant's state (4 n,), κ a factor on the gain, and u is held over a period, at once or one period late.
 
 `ObserverWeights` were tuned for the two-joint arm. If a robot's mass matrix depends on more angles than the table of
 gains, the feedback is too strong, and the loop may be unstable in part of the range. The substitutions
 
-    link_angle → s link_angle,    link_velocity → √s link_velocity
+    link_angle → σ link_angle,    link_velocity → √σ link_velocity
 
-with a factor s ≥ 1 weaken the feedback and make it more robust. The default is the smallest s of `SOFTENINGS` for which
+with a factor σ ≥ 1 weaken the feedback and make it more robust. The default is the smallest σ of `SOFTENINGS` for which
 the loop is stable at random postures under all `_CONDITIONS`.
 """
 
@@ -52,7 +51,7 @@ WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps all valu
 
 
 class Estimate(NamedTuple):
-    """The parts of (x, d), one entry per joint in each, or their slices in an array."""
+    """The elastic arm's state x and the load d, one entry per joint in each part, or the parts' slices in an array."""
 
     q_motor: Any  # θ, motor angles [rad]
     q_link: Any  # q, link angles [rad]
@@ -67,13 +66,13 @@ class Estimate(NamedTuple):
 
 
 def estimate_parts(joints: int) -> Estimate:
-    """Return the slices of the parts of (x, d) in an array (5 n,), for n joints."""
+    """Return the slices of the parts of an `Estimate` in an array (5 n,), for n joints."""
     return Estimate(*consecutive(*[joints] * len(Estimate._fields)))
 
 
 @dataclasses.dataclass(frozen=True)
 class ObserverWeights:
-    """The weights of both Riccati equations, each in `WEIGHT_RANGE`.
+    """The weights of the Riccati equations of regulator and observer, each in `WEIGHT_RANGE`.
 
     The first four defaults were chosen by ``python benchmarks/observer_tuning.py`` (commit 2839bc83) for the smallest
     tip error over random arms within stability margins. The last two are the encoder noise of the README's examples.
@@ -122,7 +121,7 @@ def _sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tup
 
 
 def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Any) -> np.ndarray:
-    """Return K (..., n, 4 n) of `_sampled_arm`, the linear quadratic regulator without a load; nan if none exists.
+    """Return K (..., n, 4 n), the linear quadratic regulator for mass matrices `inertia`; nan if none exists.
 
     It minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|². The weights are `ObserverWeights` or the
     `AdaptiveWeights` of `adaptive.belief`.
@@ -137,7 +136,7 @@ def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weigh
 
 
 def _observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return L (..., 5 n, 2 n), the stationary Kalman gain of `_sampled_arm`; nan if none exists."""
+    """Return L (..., 5 n, 2 n), the stationary Kalman gain for mass matrices `inertia`; nan if none exists."""
     (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
     joints, part = len(limit), estimate_parts(len(limit))
     measured = np.r_[part.q_motor, part.dq_motor]
@@ -164,7 +163,7 @@ def gain_tables(
 
 
 def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, weights: Any) -> np.ndarray:
-    """Return the gains (points, ...); if one is nan, raise a ValueError that names the point and the settings."""
+    """Return `gains` (points, ...); if one is nan, raise a ValueError that names the point and the settings."""
     for place, gain in zip(schedule.places, gains, strict=True):
         if not np.isfinite(gain).all():
             raise ValueError(
@@ -196,7 +195,7 @@ _COUNT = 16  # postures
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """The robot at a posture."""
+    """A robot at a posture, and its control period."""
 
     q: np.ndarray  # the angles (n,) [rad]
     inertia: np.ndarray  # M (n, n) [kg m²]
@@ -210,7 +209,7 @@ class Place:
 
 
 class LinearLaw(NamedTuple):
-    """A law near rest, see the module's docstring: D (n, 4 n), C (n, m), G (m, 4 n), F (m, m), torques in N m."""
+    """A law near rest, u = D x + C s, s⁺ = G x + F s: D (n, 4 n), C (n, m), G (m, 4 n), F (m, m), torques in N m."""
 
     D: np.ndarray
     C: np.ndarray
@@ -236,7 +235,7 @@ def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[
 
 
 def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]) -> float:
-    """Return the loop's largest |λ| per control period over the conditions; inf if a gain of the law is nan."""
+    """Return the largest |eigenvalue| of the sampled loop over the conditions; inf if a gain of the law is nan."""
     if not all(np.isfinite(part).all() for part in law):
         return math.inf
     plants = {factor: place.plant(factor) for factor in {condition.stiffness for condition in conditions}}
@@ -244,13 +243,13 @@ def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]
 
 
 def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
-    """Return M (places, n, n) [kg m²] at the table's point nearest to each posture."""
+    """Return the mass matrices (places, n, n) [kg m²] at the points of the gain tables nearest to the postures."""
     schedule = schedule_of(robot)
     return np.array([nearest_inertia(schedule, place.q) for place in places])
 
 
 def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
-    """Return the matrix of the loop for (x, s), or for (x, s, u) if u acts one period late."""
+    """Return the loop's matrix for plant state and memory (x, s), or for (x, s, u) if u acts one period late."""
     joints, states = law.D.shape
     state = estimate_parts(joints).state
     A, B = plant[0][state, state], plant[1][state]
@@ -261,14 +260,14 @@ def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Con
     return np.block([of_state, of_memory, [D, C, np.zeros((joints, joints))]])
 
 
-SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s, tried in this order
+SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors σ, tried in this order
 
 
 @functools.lru_cache(maxsize=32)
 def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
-    """Return the default weights for an arm and a control period [s]; for a two-joint arm those of Table 1.
+    """Return the default weights for an arm and a control period [s]; for a two-joint arm those tuned for Table 1.
 
-    If no factor gives the margins, the factor with the smallest worst radius is used.
+    If no factor of `SOFTENINGS` makes the loop stable, the one with the smallest `worst_radius` is used.
     """
     weights = ObserverWeights()
     if not isinstance(arm, Robot):
@@ -287,13 +286,13 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
 
 
 def softened(weights: Any, factor: float) -> Any:
-    """Return `ObserverWeights` or the `AdaptiveWeights` of `adaptive.belief` softened by s = `factor`."""
+    """Return the weights with `link_angle` times `factor` and `link_velocity` times √factor, for weaker feedback."""
     link_angle, link_velocity = factor * weights.link_angle, math.sqrt(factor) * weights.link_velocity
     return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity)
 
 
 def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
-    """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n); its memory is (x̂, d̂)⁻."""
+    """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n) and the prediction as memory."""
     robot, joints = place.robot, len(place.robot)
     part = estimate_parts(joints)
     state = part.state

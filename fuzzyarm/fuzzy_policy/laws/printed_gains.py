@@ -1,7 +1,7 @@
 """The gains that the paper prints in section 6.2 for four rules: those for i = 1, which are also used for i = 2.
 
 K and H have the same sign, see docs/paper/reading.md. E_p1 is the vertex of the smallest z1 in the paper and here. No
-inequality proves this law.
+matrix inequality certifies this law.
 """
 
 from __future__ import annotations

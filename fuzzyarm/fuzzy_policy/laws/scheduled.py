@@ -23,7 +23,7 @@ __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(LawPolicy):
-    """The law of a controller file as a policy; see `fuzzy_policy.scheduled_controller`."""
+    """The law of a `ScheduledController` as a policy; see `fuzzy_policy.scheduled_controller`."""
 
     integral_at: int | None = 0
 
@@ -34,7 +34,7 @@ class ScheduledPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of `fuzzy_policy.scheduled_controller`."""
+        """The law of `fuzzy_policy.scheduled_controller`; its memory is x_I."""
         own, (arm, drives) = self.controller, numbers_of(self.controller.robot)
         premises = tuple((one.joint, float(one.turns), one.function.startswith("sin")) for one in own.premises)
         inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)
@@ -44,7 +44,7 @@ class ScheduledPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> Any:
-    """Return the law for robots with these equations; each premise is a sine or cosine of turns · q_joint.
+    """Return the law for robots with these equations; a premise (joint, turns, is_sine) is sin or cos turns · q_joint.
 
     The law's constants are the links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), and T [s].
     """
@@ -77,5 +77,5 @@ def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> 
 
 
 def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw:
-    """Return the controller's law near rest at a posture of its robot; the law's memory is x_I."""
+    """Return the controller's law linearised near rest at the posture `place`; its memory is x_I."""
     return linear_pid(place, controller.inertia_at(place.q), *controller.feedback.tolist())

@@ -1,14 +1,13 @@
 """Any fixed law, with a reference that makes the tip rather than the motors follow the path.
 
-The law tracks θ_d of `elastic_target` in place of q_d. Its own feedforward, its torque at zero error, is replaced by
-u_ff:
+The law tracks θ_d of `_elastic_target` in place of q_d. Its own feedforward, its torque at zero error, is replaced by
+the target's feedforward u_ff:
 
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
 For the fuzzy law this is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r for θ_d, and L at the measured
-and at the desired premises: L still cancels the same terms for the kept premises. θ_d is a twice differentiable
-reference like q_d, so the inequalities of the certificate also hold for it; d then includes other torques, see
-`tip_statement`.
+and at the desired premises. θ_d is a twice differentiable reference like q_d, so the inequalities of the certificate
+also hold for it; the disturbance d then includes other torques, see `tip_statement`.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ class TipPolicy(LawPolicy):
     """A fixed law that tracks θ_d (see the module's docstring); its memory is the law's, then `ElasticTarget`'s."""
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
-        """Wrap a policy; u_ff includes dry friction if `friction`, and is computed for mid-hold if `average`."""
+        """Wrap the policy `law`; arguments `friction` and `average` of the feedforward as in `ElasticTarget`."""
         super().__init__(law.parameters, law.control_period)
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
@@ -46,7 +45,7 @@ class TipPolicy(LawPolicy):
         return TipPolicy(self.law, friction=False, average=self.average)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
+        """Fill `torque` and advance `memory`, see `Policy.act`."""
         if self.control_law is not None:
             super().act(observation, memory, torque)
             return
@@ -55,7 +54,7 @@ class TipPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law | None:  # type: ignore[override]
-        """The law of the module's docstring; None if the policy that tracks θ_d has no `Law`."""
+        """The law that tracks θ_d; None if the wrapped policy has no `Law`."""
         law = law_of(self.law)
         if law is None:
             return None
@@ -64,7 +63,7 @@ class TipPolicy(LawPolicy):
         return Law(act, (law.memory, past_of(self.joints)), constants, law.tables)
 
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the two parts of the torque, (lanes, n) each [N m], not clipped, and advance the memory in place."""
+        """Return feedback and feedforward, (lanes, n) each [N m], not clipped, and advance the memory in place."""
         torque = np.empty((len(observation), self.joints))
         own_feedforward, feedforward = self._act(observation, memory, torque)
         return torque - own_feedforward, feedforward
@@ -74,7 +73,7 @@ class TipPolicy(LawPolicy):
         return TorqueLearning(self)
 
     def _act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fill the law's torque; return its own feedforward and u_ff."""
+        """Fill `torque` with the wrapped law for θ_d; return the law's own feedforward and u_ff (lanes, n) [N m]."""
         law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
         target, measured = np.empty((len(observation), 3 * self.joints)), slice(2 * self.joints)
@@ -88,7 +87,7 @@ class TipPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, law: Any) -> Any:
-    """Return the law that makes `law` track θ_d, for arms with these equations."""
+    """Return the law that makes `law` track the motor angles θ_d, for arms with these equations."""
     target = target_of(physics)
 
     def tip(memory: tuple[Any, Past], seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:

@@ -433,7 +433,7 @@ class _Undecided:
 
 
 def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
-    """Return whether lesser < greater (<= unless `strictly`); `_Undecided` if both answers are possible."""
+    """Return whether lesser < greater (<= unless `strictly`), or an `_Undecided` if both answers are possible."""
     low, high = (lesser - greater).range()
     if high < 0.0 or (high == 0.0 and not strictly):
         return True
@@ -483,7 +483,7 @@ class _Places:
         return self.each(operator.neg)
 
     def __bool__(self) -> bool:
-        raise NoBound("the law rounds a number, and the tube does not determine the result")
+        raise NoBound("the law rounds a number, and states of the tube give different results")
 
     __float__ = __bool__
 

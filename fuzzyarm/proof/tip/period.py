@@ -146,8 +146,8 @@ class Period:
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[self._rows.link].sum(axis=0) * torques))
         raise NoBound(
-            f"no tube was found: the torque [N m] or force [N] on {self._name(worst)} grows with its width, up to "
-            f"{torques[worst]:.3g}"
+            f"no tube was found: as it was widened, the bound on the torque [N m] or force [N] on {self._name(worst)} "
+            f"grew with it, to {torques[worst]:.3g}"
         )
 
     def _on_motors(self, tube: np.ndarray, driven: ConstantForces) -> tuple[np.ndarray, np.ndarray]:

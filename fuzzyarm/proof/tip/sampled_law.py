@@ -58,8 +58,8 @@ class SampledLaw:
         law = law_of(policy)
         if law is None:
             raise NoBound(
-                f"there is no bound for {shown(type(policy).__name__)}: it defines no `Law`; choose a fuzzy policy or "
-                "computed-torque, with or without the ending -tip, elastic-observer or a learned policy"
+                f"there is no bound for {shown(type(policy).__name__)}: it defines no `Law`; choose elastic-observer, "
+                "a learned policy, or a fuzzy policy or computed-torque, with or without the ending -tip"
             )
         self._law, self._references, self._joints = law, references, policy.joints
         self._measured = 2 * policy.joints  # length of (θ, θ̇), which precedes the memory

@@ -154,7 +154,7 @@ class Linear(NamedTuple):
             growth += bounds
         growth = growth * (1.0 + 1e-9)
         if not (bounds @ growth <= 1e-3 * SLACK * growth).all():
-            raise NoBound(f"the arm is too stiff or too strongly damped for a control period of {period:g} s")
+            raise NoBound(f"the motion in {period:g} s cannot be bounded: the arm is too stiff or damped too strongly")
         stack = np.array(powers)  # A^i / i!
         order = np.arange(_TERMS)
         h = period / _PARTS

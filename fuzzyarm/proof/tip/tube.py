@@ -261,7 +261,7 @@ class Tube:
         return [drag if slow[j] else None for j, drag in enumerate(self.state.drags)]
 
     def _force(self, k: int, begun: float, duration: float) -> TipForces:
-        """Return the tip forces of a segment that begins `begun` [s] after the sample."""
+        """Return the tip forces of a segment that begins `begun` [s] after sample k and lasts `duration` [s]."""
         plants, (mean, change) = self.problem.plants, np.split(self.problem.schedule.forces[k], 2)
         axes, (low, high) = self._layout.axes, plants.force
         still = np.zeros((axes, axes)), np.zeros(axes)

@@ -29,7 +29,7 @@ def add_algorithm(spec: AlgorithmSpec) -> None:
         raise ValueError(f"algorithm {spec.name!r} already exists; choose another name")
     for other in ALGORITHMS.values():
         if other.config is spec.config:
-            raise ValueError(f"{spec.config.__name__} is the configuration of {other.name!r}; derive your own class")
+            raise ValueError(f"{spec.config.__name__} belongs to {other.name!r}; give a subclass of it as config")
     ALGORITHMS[spec.name] = spec
 
 

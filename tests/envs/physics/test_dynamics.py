@@ -1,10 +1,12 @@
-"""The equations of motion against MuJoCo and against their own structure: Jacobians, Christoffel symbols, energy."""
+"""Equations of motion, of two joints and of any robot: MuJoCo as an oracle, and identities of mechanics."""
 
 import mujoco
 import numpy as np
 import pytest
+from support.robots import ROBOTS, in_mujoco, potential_energy
 from support.two_joints import state_of
 
+from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import (
     Payload,
     arm_constants,
@@ -20,77 +22,47 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 
-SEEDS = range(6)
-STATES = 20
-
-
-def random_arm(rng):
-    length = rng.uniform(0.2, 1.5, 2)
-    return ArmParameters(
-        length=tuple(length.tolist()),
-        mass=tuple(rng.uniform(0.5, 20.0, 2).tolist()),
-        inertia=tuple(rng.uniform(0.01, 1.0, 2).tolist()),
-        mass_center=tuple((length * rng.uniform(0.1, 1.6, 2)).tolist()),  # of fits some lie beyond the link
-        gravity=float(rng.uniform(1.0, 20.0)),
-    )
+STEP = 1e-6
 
 
 def random_motion(rng):
     return rng.uniform(-np.pi, np.pi, 2), rng.uniform(-10.0, 10.0, 2), rng.uniform(-50.0, 50.0, 2)
 
 
-def mujoco_model(arm, payload):
-    """Two hinges about z, x down; the payload is a third, rigidly attached, all but point-sized body."""
-    at = arm.length[1] if payload.at == "tip" else arm.mass_center[1]
-    carried = (
-        f'<body pos="{at!r} 0 0"><inertial pos="0 0 0" mass="{payload.mass!r}" diaginertia="1e-13 1e-13 1e-13"/></body>'
-        if payload.mass
-        else ""
-    )
-    inertials = [
-        f'<inertial pos="{arm.mass_center[j]!r} 0 0" mass="{arm.mass[j]!r}" diaginertia="{" ".join([repr(i)] * 3)}"/>'
-        for j, i in enumerate(arm.inertia)
-    ]
-    return mujoco.MjModel.from_xml_string(f"""<mujoco>
-      <compiler angle="radian"/> <option gravity="{arm.gravity!r} 0 0"/>
-      <worldbody><body><joint axis="0 0 1"/>{inertials[0]}
-        <body pos="{arm.length[0]!r} 0 0"><joint axis="0 0 1"/>{inertials[1]}
-          <site name="tip" pos="{arm.length[1]!r} 0 0"/>{carried}
-      </body></body></worldbody></mujoco>""")
-
-
-def mujoco_at(model, q, dq, ddq=(0.0, 0.0)):
-    data = mujoco.MjData(model)
+def mujoco_at(model, q, dq, ddq):
+    data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
     mujoco.mj_inverse(model, data)
-    return data
+    mujoco.mj_fullM(model, data, mass)
+    return data, mass
 
 
-def full_mass_matrix(q2, constants):
-    m11, m12, m22 = mass_matrix(np.cos(q2), constants)
-    return np.array([[m11, m12], [m12, m22]])
-
-
-def gravity(q, constants):
-    return np.array(gravity_torque(np.sin(q[0]), np.sin(q[0] + q[1]), constants))
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_equations_of_motion_and_the_tip_are_mujocos(seed):
+@pytest.mark.parametrize("seed", range(6))
+def test_the_equations_of_two_joints_and_their_tip_are_mujocos(seed):
     rng = np.random.default_rng(seed)
     payload = Payload(float(rng.uniform(0.5, 8.0)), "tip" if seed % 2 else "link") if seed >= 2 else Payload()
-    arm = random_arm(rng)
-    model, constants = mujoco_model(arm, payload), arm_constants(arm, payload)
-    for _ in range(STATES):
+    length = rng.uniform(0.2, 1.5, 2)
+    arm = ArmParameters(
+        length=tuple(length),
+        mass=tuple(rng.uniform(0.5, 20.0, 2)),
+        inertia=tuple(rng.uniform(0.01, 1.0, 2)),
+        mass_center=tuple(length * rng.uniform(0.1, 1.6, 2)),  # of fits some lie beyond the link
+        gravity=rng.uniform(1.0, 20.0),
+    )
+    model = in_mujoco(Robot.of(arm).with_payload(payload.mass, payload.at))
+    constants = arm_constants(arm, payload)
+    for _ in range(20):
         q, dq, ddq = random_motion(rng)
-        data, mass, jacobian = mujoco_at(model, q, dq, ddq), np.zeros((2, 2)), np.zeros((3, 2))
-        mujoco.mj_fullM(model, data, mass)
-        np.testing.assert_allclose(full_mass_matrix(q[1], constants), mass, rtol=1e-10, atol=1e-11)
-        at_rest = mujoco_at(model, q, np.zeros(2)).qfrc_bias
-        bias = coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants) + gravity(q, constants)
+        (data, mass), jacobian = mujoco_at(model, q, dq, ddq), np.zeros((3, 2))
+        m11, m12, m22 = mass_matrix(np.cos(q[1]), constants)
+        np.testing.assert_allclose([[m11, m12], [m12, m22]], mass, rtol=1e-10, atol=1e-11)
+        at_rest = mujoco_at(model, q, 0.0, 0.0)[0].qfrc_bias
+        weight = np.array(gravity_torque(np.sin(q[0]), np.sin(q.sum()), constants))
+        bias = coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants) + weight
         torque = rigid_inverse_dynamics(q, dq, ddq, constants)
-        for found, expected in ((bias, data.qfrc_bias), (gravity(q, constants), at_rest), (torque, data.qfrc_inverse)):
+        for found, expected in ((bias, data.qfrc_bias), (weight, at_rest), (torque, data.qfrc_inverse)):
             np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
         mujoco.mj_jacSite(model, data, jacobian, None, 0)
         np.testing.assert_allclose(tip_position(q, arm.length), data.site_xpos[0, :2], rtol=0, atol=1e-12)
@@ -103,23 +75,61 @@ def test_the_equations_of_motion_and_the_tip_are_mujocos(seed):
 
 
 def test_joint_torque_is_a_spring_and_a_damper():
-    arm = ArmParameters()
     state = state_of([0.3, -0.2, 0.1, 0.5, 1.0, 2.0, -3.0, 4.0])
     expected = (6.4e4 * (0.3 - 0.1) + 20.4 * (1.0 + 3.0), 1.2e4 * (-0.2 - 0.5) + 3.8 * (2.0 - 4.0))
-    np.testing.assert_allclose(joint_torque(state, arm_constants(arm)), expected, rtol=1e-15)
+    np.testing.assert_allclose(joint_torque(state, arm_constants(ArmParameters())), expected, rtol=1e-15)
 
 
 def test_inverse_dynamics_and_mass_matrix_elementwise_are_those_of_arrays():
-    rng = np.random.default_rng(8)
-    arm = arm_constants(ArmParameters(), Payload(2.0))
-    q, dq, ddq = random_motion(rng)
-    physics = two_joints()
+    arm, physics = arm_constants(ArmParameters(), Payload(2.0)), two_joints()
+    q, dq, ddq = random_motion(np.random.default_rng(8))
     parts = (physics.PerJoint(*part.T) for part in (q, dq, ddq))
     expected = rigid_inverse_dynamics(q, dq, ddq, arm)
     np.testing.assert_allclose(np.stack(physics.inverse_dynamics(*parts, arm), axis=-1), expected, rtol=0.0, atol=1e-9)
-    (m11, m12), (m21, m22) = physics.mass_matrix(physics.PerJoint(*q.T), arm)
-    for column, unit in enumerate(np.eye(2)):
+    weight = np.stack(physics.gravity(physics.PerJoint(*q.T), arm), axis=-1)
+    for column, unit in zip(np.array(physics.mass_matrix(physics.PerJoint(*q.T), arm)).T, np.eye(2), strict=True):
         torque = rigid_inverse_dynamics(q, np.zeros_like(q), unit, arm)
-        column_of = np.stack([(m11, m12)[column], (m21, m22)[column]], axis=-1)
-        weight = np.stack(physics.gravity(physics.PerJoint(*q.T), arm), axis=-1)
-        np.testing.assert_allclose(column_of, torque - weight, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(column, torque - weight, rtol=0.0, atol=1e-9)
+
+
+@pytest.fixture(params=ROBOTS)
+def robot(request):
+    return ROBOTS[request.param]
+
+
+def motion(robot, count=5):
+    return np.random.default_rng(1).uniform(-2.0, 2.0, (3, count, len(robot)))
+
+
+def derivative(function, q):
+    """Central differences along each joint, on a new last axis."""
+    steps = STEP * np.eye(q.shape[-1])
+    return np.stack([(function(q + step) - function(q - step)) / (2.0 * STEP) for step in steps], axis=-1)
+
+
+def test_jacobian_and_gravity_of_a_robot_are_gradients(robot):
+    q = motion(robot)[0]
+    tip = derivative(lambda at: rigid_body.frames(robot, at).tip, q)
+    np.testing.assert_allclose(rigid_body.tip_jacobian(robot, q), tip, atol=1e-8)
+    potential = derivative(lambda at: potential_energy(robot, at), q)
+    np.testing.assert_allclose(rigid_body.gravity(robot, q), potential, atol=1e-6)
+
+
+def test_the_equations_of_a_robot_and_its_tip_are_mujocos(robot):
+    with pytest.raises(ValueError, match=r"angles.* must have shape \(\.\.\., \d\).*\(9,\)"):
+        rigid_body.frames(robot, np.zeros(9))
+    for q, dq, ddq in np.moveaxis(motion(robot), 0, 1):
+        data, mass = mujoco_at(in_mujoco(robot), q, dq, ddq)
+        np.testing.assert_allclose(rigid_body.inverse_dynamics(robot, q, dq, ddq), data.qfrc_inverse, atol=1e-10)
+        np.testing.assert_allclose(rigid_body.frames(robot, q).tip, data.site("tip").xpos, atol=1e-10)
+        np.testing.assert_allclose(rigid_body.mass_matrix(robot, q), mass, atol=1e-10)
+
+
+def test_a_robot_of_two_joints_has_the_equations_of_the_paper():
+    parameters = ArmParameters(inertia=(0.5, 0.1))
+    robot = Robot.of(parameters)
+    q, dq, ddq = motion(robot)
+    wanted = rigid_inverse_dynamics(q, dq, ddq, arm_constants(parameters))
+    np.testing.assert_allclose(rigid_body.inverse_dynamics(robot, q, dq, ddq), wanted, atol=1e-12)
+    planar = rigid_body.tip_jacobian(robot, q)[..., :2, :]
+    np.testing.assert_allclose(planar, tip_jacobian(q, parameters.length), atol=1e-14)

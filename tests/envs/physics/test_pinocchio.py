@@ -15,7 +15,6 @@ pytestmark = pytest.mark.slow
 
 
 def model_of(robot):
-    """The rigid robot in pinocchio, with a frame at the tip, and its data."""
     model, parent = pinocchio.Model(), 0
     model.gravity.linear = np.array(robot.gravity)
     for joint in robot.joints:
@@ -34,8 +33,7 @@ def model_of(robot):
 def test_rigid_body_dynamics_are_pinocchios(name):
     robot = ROBOTS[name]
     model, data, tip = model_of(robot)
-    rng = np.random.default_rng(0)
-    for q, dq, ddq in rng.uniform(-3.0, 3.0, (20, 3, len(robot))):
+    for q, dq, ddq in np.random.default_rng(0).uniform(-3.0, 3.0, (20, 3, len(robot))):
         torque = pinocchio.rnea(model, data, q, dq, ddq)
         inertia = np.triu(pinocchio.crba(model, data, q))
         inertia = inertia + np.triu(inertia, 1).T

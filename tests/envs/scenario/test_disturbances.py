@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,28 +31,16 @@ PARTS = {
 }
 
 
-class Run(NamedTuple):
-    """Signals of an open-loop episode; row 0 is the start."""
-
-    observations: np.ndarray
-    states: np.ndarray  # in the order of `State`
-    infos: list[dict]
-
-    def signal(self, name):
-        return np.array([info[name] for info in self.infos])
-
-
-def run(disturbance, torques=TORQUES, seed=0):
-    """Play torques open-loop, so that the effect of a disturbance cannot return through a controller."""
+def run(disturbance, seed=0):
+    """Observations, states and signals of torques played open-loop: no effect returns through a controller."""
     env = FuzzyArmEnv(disturbance=disturbance)
-    results = [env.reset(seed=seed), *(env.step(torque) for torque in torques)]
-    infos = [result[-1] for result in results]
-    states = [np.concatenate([i["q_motor"], i["q_link"], i["dq_motor"], i["dq_link"]]) for i in infos]
-    return Run(np.array([result[0] for result in results]), np.array(states), infos)
+    results = [env.reset(seed=seed), *(env.step(torque) for torque in TORQUES)]
+    signal = {name: np.array([result[-1][name] for result in results]) for name in results[0][-1]}
+    states = np.hstack([signal[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+    return SimpleNamespace(observations=np.array([result[0] for result in results]), states=states, signal=signal)
 
 
 def plant(start, torques, forces=NO_FORCES, payload=None):
-    """States of the plant itself from `start`, without the environment."""
     states = [start]
     for torque, force in zip(torques, forces, strict=True):
         states.append(advance(states[-1], torque, 2e-4, 5, force, payload=payload))
@@ -60,7 +48,6 @@ def plant(start, torques, forces=NO_FORCES, payload=None):
 
 
 def sampled(disturbance, reference=None):
-    """The tables of an episode."""
     return Schedule.build(reference or JointReference(), disturbance, 1e-3)
 
 
@@ -81,30 +68,26 @@ def undisturbed():
 
 def test_tip_force_acts_on_the_plant_from_its_onset_to_its_end_at_its_size(undisturbed):
     assert np.array_equal(undisturbed.states, plant(undisturbed.states[0], TORQUES))
-    assert not undisturbed.signal("external_force").any()
+    assert not undisturbed.signal["external_force"].any()
     disturbed = run(Disturbance(tip_force=PARTS["tip_force"]))
     forces = ACTING * np.array(FORCE)
-    assert np.array_equal(disturbed.signal("external_force")[1:], forces)
+    assert np.array_equal(disturbed.signal["external_force"][1:], forces)
     assert np.array_equal(disturbed.states, plant(undisturbed.states[0], TORQUES, forces))
-    assert np.array_equal(disturbed.signal("torque")[1:], TORQUES)
+    assert np.array_equal(disturbed.signal["torque"][1:], TORQUES)
     assert (disturbed.states[ONSET + 1] != undisturbed.states[ONSET + 1]).all()
 
 
-class OneColumn:
-    def at(self, time, tip_velocity):
-        return np.ones((len(time), 1))
-
-
 def test_loads_of_the_wrong_shape_never_reach_the_kernel():
+    one_column = SimpleNamespace(at=lambda time, tip_velocity: np.ones((len(time), 1)))
     with pytest.raises(ValueError, match=r"tip_force\.at returned an array of shape \(12000, 1\).*\(12000, 2\)"):
-        sampled(Disturbance(tip_force=OneColumn()))
+        sampled(Disturbance(tip_force=one_column))
     with pytest.raises(ValueError, match=r"TorqueBias\.torque has 3 numbers; needed: 2, one for each joint"):
         sampled(Disturbance(torque_bias=TorqueBias((1.0, 2.0, 3.0))))
     with pytest.raises(ValueError, match=r"payload = 3\.0 must have an attribute mass and a method radius"):
         Disturbance(payload=3.0)
 
 
-def test_machining_force_opposes_the_travel_with_a_half_sine_of_138_to_218_newton():
+def test_machining_force_opposes_the_travel_with_a_half_sine_of_138_to_218_newton_and_fades_out_towards_rest():
     middles, reference = (np.arange(1500) + 0.5) * 1e-3, JointReference()
     velocity, lines = reference.tip(middles).velocity, sampled(CASES["machining"].disturbance, reference).forces
     speed, size = np.linalg.norm(velocity, axis=-1), np.linalg.norm(lines[:, :2], axis=-1)
@@ -113,13 +96,9 @@ def test_machining_force_opposes_the_travel_with_a_half_sine_of_138_to_218_newto
     np.testing.assert_allclose(np.sum(lines[:, :2] * velocity, axis=-1)[steady], -(size * speed)[steady], rtol=1e-5)
     np.testing.assert_allclose(size[steady], 138.0 + 80.0 * np.sin(np.pi * middles[steady] / 1.5), rtol=1e-5)
     disturbed = run(CASES["machining"].disturbance)
-    assert np.array_equal(disturbed.signal("external_force")[1:], lines[:STEPS, :2])
+    assert np.array_equal(disturbed.signal["external_force"][1:], lines[:STEPS, :2])
     assert np.array_equal(disturbed.states, plant(disturbed.states[0], TORQUES, lines[:STEPS]))
-
-
-def test_machining_force_fades_out_towards_rest_without_a_jump():
-    force = MachiningForce()
-    speeds = np.linspace(0.0, 0.02, 201)
+    speeds, force = np.linspace(0.0, 0.02, 201), MachiningForce()  # which fades out towards rest without a jump
     size = np.linalg.norm(force.at(np.zeros(201), speeds[:, None] * [0.6, 0.8]), axis=-1)
     np.testing.assert_allclose(size, 138.0 * np.minimum(speeds / 0.01, 1.0), atol=1e-9)
     assert not force.at(np.array([0.0, 0.75, 9.0]), np.zeros((3, 2))).any()
@@ -127,12 +106,8 @@ def test_machining_force_fades_out_towards_rest_without_a_jump():
 
 def test_force_lines_keep_the_impulse_and_the_trend_of_a_smooth_force():
     """Mean and change over each step against the exact integral of a quadratic, and its least-squares slope."""
-
-    class Quadratic:
-        def at(self, time, tip_velocity):
-            return np.stack([3.0 + 5e3 * time + 7e5 * time**2, np.zeros_like(time)], axis=-1)
-
-    lines = sampled(Disturbance(tip_force=Quadratic())).forces
+    quadratic = SimpleNamespace(at=lambda time, _: np.stack([3.0 + 5e3 * time + 7e5 * time**2, 0.0 * time], axis=-1))
+    lines = sampled(Disturbance(tip_force=quadratic)).forces
     begin, end = 1e-3 * np.arange(1500), 1e-3 * np.arange(1, 1501)
     mean = 3.0 + 2.5e3 * (begin + end) + 7e5 * (end**3 - begin**3) / 3e-3
     np.testing.assert_allclose(lines[:, 0], mean, rtol=1e-3, atol=0.01)
@@ -140,30 +115,26 @@ def test_force_lines_keep_the_impulse_and_the_trend_of_a_smooth_force():
     assert not lines[:, [1, 3]].any()
 
 
-class HalfWay:
-    """A payload that this package does not know, with a mass and a radius: in the middle of link 2."""
-
-    mass = 5.0
-
-    def radius(self, parameters):
-        return 0.5 * parameters.length[1]
+# A payload that this package does not know, with a mass and a radius: in the middle of link 2, where its center is.
+HALF_WAY = SimpleNamespace(mass=5.0, radius=lambda parameters: 0.5 * parameters.length[1])
 
 
-@pytest.mark.parametrize("payload", [Payload(5.0), Payload(5.0, at="link"), HalfWay()], ids=["tip", "link", "own"])
+@pytest.mark.parametrize("payload", [Payload(5.0), Payload(5.0, at="link"), HALF_WAY], ids=["tip", "link", "own"])
 def test_payload_changes_the_constants_of_the_plant_alone(undisturbed, payload):
     loaded = run(Disturbance(payload=payload))
     assert np.array_equal(loaded.states[0], undisturbed.states[0])  # the motors do not know the payload
-    known = Payload(5.0, at="link") if isinstance(payload, HalfWay) else payload  # whose center is in its middle
+    known = Payload(5.0, at="link") if payload is HALF_WAY else payload
     assert np.array_equal(loaded.states, plant(undisturbed.states[0], TORQUES, payload=known))
     assert not np.array_equal(loaded.states[1], undisturbed.states[1])
-    assert not loaded.signal("external_force").any()
+    assert not loaded.signal["external_force"].any()
 
 
 def test_encoder_noise_has_the_set_deviation_and_is_white():
-    noise, n = encoder_noise(Disturbance(encoder_noise=NOISE), 1500, seed=1), 1501
-    deviation = np.array([NOISE.position] * 2 + [NOISE.velocity] * 2)
-    assert noise.shape == (n, 4)
-    white = noise / deviation
+    white = encoder_noise(Disturbance(encoder_noise=NOISE), 1500, seed=1) / np.repeat(
+        [NOISE.position, NOISE.velocity], 2
+    )
+    n = 1501
+    assert white.shape == (n, 4)
     # Each bound is five standard deviations: of a chi-square with n degrees, of a mean, of a correlation.
     assert (np.abs(np.sum(white**2, axis=0) - n) < 5.0 * math.sqrt(2.0 * n)).all()
     assert (np.abs(white.mean(axis=0)) < 5.0 / math.sqrt(n)).all()
@@ -179,11 +150,11 @@ def test_all_parts_together_are_each_part_in_its_channel(undisturbed):
     biased, forces = TORQUES + ACTING * np.array(BIAS), ACTING * np.array(FORCE)
     assert np.array_equal(everything.states, plant(undisturbed.states[0], biased, forces, PARTS["payload"]))
     for name in ("torque", "reward_effort"):  # the bias is beside what the motors are asked for
-        assert np.array_equal(everything.signal(name), undisturbed.signal(name))
+        assert np.array_equal(everything.signal[name], undisturbed.signal[name])
     assert np.array_equal(noisy.states, undisturbed.states) and noise[:, :4].all() and not noise[:, 4:].any()
     readings = everything.states[:, [0, 1, 4, 5]] + noise[:, :4]
     np.testing.assert_allclose(everything.observations[:, :4], readings, rtol=0.0, atol=1e-14)
-    assert np.array_equal(everything.signal("external_force")[1:], forces)
+    assert np.array_equal(everything.signal["external_force"][1:], forces)
 
 
 def test_no_part_shifts_the_noise_of_the_same_seed_and_each_deviation_is_of_its_reading():
@@ -215,8 +186,7 @@ def test_targets_carry_the_reference_tip_the_unit_normal_on_the_left_and_the_cir
 
 @pytest.mark.parametrize(("start", "first"), [(0.9996, 1000), (1.0004, 1000), (1.0006, 1001)])
 def test_a_bias_holds_over_the_steps_whose_middle_it_covers(start, first):
-    biases = sampled(Disturbance(torque_bias=TorqueBias(BIAS, start=start))).biases
-    assert np.flatnonzero(biases[:, 0])[0] == first
+    assert np.flatnonzero(sampled(Disturbance(torque_bias=TorqueBias(BIAS, start=start))).biases[:, 0])[0] == first
 
 
 WRONG = [

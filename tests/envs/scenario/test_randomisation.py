@@ -37,36 +37,18 @@ SCALES = {
 }
 
 
-def lanes_with(randomisation, count, *, seed=0, disturbance=NOISY, parameters=TABLE_1, initial=None):
+def lanes_with(randomisation, count, disturbance=NOISY):
     """Lanes at the start of an episode, and the vectors of its first instant by name."""
-    scenario = (disturbance, None if randomisation.references else REFERENCE)
-    lanes = Lanes([parameters], [scenario], count, control_period=1e-3, substeps=5, randomisation=randomisation)
-    results = lanes.reset(range(seed, seed + count), initial=initial)
-    return lanes, named(results[1])
-
-
-def scaled(parameters, **factors):
-    """The arm with fields multiplied, one factor per joint."""
-    fields = {
-        name: tuple(x * y for x, y in zip(getattr(parameters, name), factor, strict=True))
-        for name, factor in factors.items()
-    }
-    return dataclasses.replace(parameters, **fields)
+    lanes = Lanes([TABLE_1], [(disturbance, None)], count, control_period=1e-3, substeps=5, randomisation=randomisation)
+    return lanes, named(lanes.reset(range(count))[1])
 
 
 def episode(env, torques, **reset):
-    """Observations, rewards and infos of an open-loop episode."""
     observation, info = env.reset(**reset)
     return [(observation, 0.0, False, False, info), *(env.step(torque) for torque in torques)]
 
 
 TORQUES = np.array([110.0, 30.0]) + np.random.default_rng(0).normal(scale=10.0, size=(30, 2))
-
-
-@pytest.fixture(scope="module")
-def many():
-    """What 4000 lanes drew of everything."""
-    return lanes_with(EVERYTHING, 4000)[0].randomisation_info()
 
 
 @pytest.mark.parametrize("name", ALLOWED)
@@ -79,14 +61,19 @@ def test_the_ends_of_what_is_allowed_are_allowed(name):
             DomainRandomisation(**{name: given})
 
 
-def test_references_that_do_not_fit_are_refused():
+def test_references_that_do_not_fit_are_refused_and_none_is_drawn_before_the_first_episode():
     with pytest.raises(TypeError, match=r"references: entry = Circle.* must be a .*[.]Reference"):
         DomainRandomisation(references=(REFERENCE, Circle()))
-    other = DomainRandomisation(references=(REFERENCE, JointReference(parameters=LONG)))
     with pytest.raises(ValueError, match=r"links of \(0\.6, 0\.5\) m, but the plant has links of \(0\.5, 0\.5\) m"):
-        FuzzyArmEnv(randomisation=other)
+        FuzzyArmEnv(randomisation=DomainRandomisation(references=(REFERENCE, JointReference(parameters=LONG))))
     with pytest.raises(ValueError, match="either a reference or a randomisation that draws references, not both"):
         FuzzyArmEnv(reference=REFERENCE, randomisation=EVERYTHING)
+    env = FuzzyArmEnv(randomisation=EVERYTHING)
+    for wrong in (Circle(), JointReference(parameters=LONG)):
+        with pytest.raises(Exception, match=r"call env\.reset\(\)"):
+            _ = env.reference
+        with pytest.raises((TypeError, ValueError), match="reference"):
+            env.reset(options={"reference": wrong})
 
 
 def test_the_named_variations():
@@ -108,16 +95,14 @@ def test_a_variation_of_nothing_changes_no_bit_and_shows_nothing(nothing):
         assert identical(first, second) and not any("randomisation" in step[-1] for step in second)
 
 
-@pytest.mark.parametrize("name", ALLOWED)
-def test_draws_are_uniform_in_their_range(name, many):
-    low, high = getattr(EVERYTHING, name)
-    assert many[name].shape == ((4000, 2) if name in PER_JOINT else (4000,))
-    for sample in many[name].reshape(4000, -1).T:
-        assert low <= sample.min() and sample.max() <= high
-        assert stats.kstest((sample - low) / (high - low), "uniform").pvalue > 1e-4
-
-
-def test_draws_of_quantities_joints_lanes_and_episodes_are_independent(many):
+def test_draws_are_uniform_in_their_range_and_quantities_joints_lanes_and_episodes_independent():
+    many = lanes_with(EVERYTHING, 4000)[0].randomisation_info()
+    for name in ALLOWED:
+        low, high = getattr(EVERYTHING, name)
+        assert many[name].shape == ((4000, 2) if name in PER_JOINT else (4000,))
+        for sample in many[name].reshape(4000, -1).T:
+            assert low <= sample.min() and sample.max() <= high
+            assert stats.kstest((sample - low) / (high - low), "uniform").pvalue > 1e-4, name
     numbers, counts = np.unique(many["reference"], return_counts=True)
     assert numbers.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert stats.chisquare(counts).pvalue > 1e-4
@@ -132,7 +117,7 @@ def test_draws_of_quantities_joints_lanes_and_episodes_are_independent(many):
 
 
 def test_the_same_seed_draws_the_same_and_info_shows_it_to_the_end_of_the_episode():
-    env, again = FuzzyArmEnv(randomisation=EVERYTHING), FuzzyArmEnv(randomisation=EVERYTHING)
+    env, again = (FuzzyArmEnv(randomisation=EVERYTHING) for _ in range(2))
     first = [env.reset(seed=seed)[1]["randomisation"] for seed in (5, None, None, 5, 6)]
     assert all(identical(again.reset(seed=seed)[1]["randomisation"], first[k]) for k, seed in enumerate((5, None)))
     assert identical(first[3], first[0]) and list(first[0]) == [*ALLOWED, "reference"]
@@ -149,11 +134,12 @@ def test_the_same_seed_draws_the_same_and_info_shows_it_to_the_end_of_the_episod
 @pytest.mark.parametrize("own", [Payload(), Payload(2.0), Payload(2.0, at="link")], ids=["none", "tip", "link"])
 def test_the_arm_of_each_lane_is_the_one_with_the_fields_it_drew(own):
     """Masses, motors, joints and friction scaled; the case's payload as it is and the drawn one at the tip."""
-    lanes, _ = lanes_with(EVERYTHING, 40, disturbance=Disturbance(payload=own))
+    lanes, _ = lanes_with(EVERYTHING, 40, Disturbance(payload=own))
     drawn = lanes.randomisation_info()
     for lane in range(40):
-        factors = {field: drawn[name][lane].tolist() for name, fields in SCALES.items() for field in fields}
-        arm = scaled(TABLE_1, **factors)
+        factors = {field: drawn[name][lane] for name, fields in SCALES.items() for field in fields}
+        fields = {name: tuple((getattr(TABLE_1, name) * factor).tolist()) for name, factor in factors.items()}
+        arm = dataclasses.replace(TABLE_1, **fields)
         at_tip = own.mass * (own.at == "tip") + drawn["payload"][lane]
         expected = np.array(flat(arm_constants(arm, Payload(at_tip))))
         if own.at == "link":
@@ -175,13 +161,11 @@ def test_the_drawn_force_scales_that_of_the_case():
 
 
 def test_an_episode_starts_at_rest_beside_the_reference_with_the_motors_holding_the_arm_of_table_1():
-    randomisation = dataclasses.replace(EVERYTHING, angle=(-0.3, 0.3))
-    lanes, start = lanes_with(randomisation, 40)
+    lanes, start = lanes_with(dataclasses.replace(EVERYTHING, angle=(-0.3, 0.3)), 40)
     drawn = lanes.randomisation_info()
     on_reference = np.array([lanes.schedule(lane)[0].sample(0.0).q for lane in range(40)])
     assert np.array_equal(start["q_link"], on_reference + drawn["angle"])
-    rest = np.zeros((40, 2))
-    gravity = rigid_inverse_dynamics(start["q_link"], rest, rest, arm_constants(TABLE_1))
+    gravity = rigid_inverse_dynamics(start["q_link"], *np.zeros((2, 40, 2)), arm_constants(TABLE_1))
     np.testing.assert_allclose(start["q_motor"], start["q_link"] + gravity / TABLE_1.stiffness, rtol=0.0, atol=1e-15)
     assert not start["dq_link"].any() and not start["dq_motor"].any()
 
@@ -200,15 +184,6 @@ def test_the_drawn_reference_is_followed_unless_another_is_given_for_an_episode(
             np.testing.assert_allclose(info["tip_reference"], reference.tip(info["time"]).position, atol=1e-15)
         seen.add(number)
     assert seen == set(range(5))
-
-
-def test_a_drawing_environment_has_no_reference_before_its_first_episode():
-    env = FuzzyArmEnv(randomisation=EVERYTHING)
-    for wrong in (Circle(), JointReference(parameters=LONG)):
-        with pytest.raises(Exception, match=r"call env\.reset\(\)"):
-            _ = env.reference
-        with pytest.raises((TypeError, ValueError), match="reference"):
-            env.reset(options={"reference": wrong})
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, LONG, dataclasses.replace(TABLE_1, length=(0.3, 0.5))], ids="ABC")
@@ -233,11 +208,9 @@ def test_every_reference_of_the_family_can_be_tracked(arm):
 
 
 def test_scales_are_the_magnitudes_of_the_family_and_the_limits_of_the_motors():
-    family = reference_family(TABLE_1)
-    rows = np.concatenate([Schedule.build(one, Disturbance(), 5e-3).references for one in family])
+    rows = np.concatenate([Schedule.build(one, Disturbance(), 5e-3).references for one in reference_family(TABLE_1)])
     scale = observed(OBSERVATION_SCALE)
     reference = [scale.q_reference, scale.dq_reference, scale.ddq_reference]
     np.testing.assert_allclose(np.ravel(reference), np.sqrt(np.mean(rows**2, axis=0)), rtol=0.03)
-    np.testing.assert_array_equal(np.ravel(reference[:2]), np.ravel([scale.q_motor, scale.dq_motor]))
-    env = FuzzyArmEnv()
-    np.testing.assert_array_equal(ACTION_SCALE, env.action_space.high)
+    np.testing.assert_array_equal(reference[:2], [scale.q_motor, scale.dq_motor])
+    np.testing.assert_array_equal(ACTION_SCALE, FuzzyArmEnv().action_space.high)

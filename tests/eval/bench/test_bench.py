@@ -1,20 +1,23 @@
-"""The speed table with made-up speeds: the order of measurements, the statistics, and the texts for missing numbers."""
+"""The speed table with made-up speeds: order, statistics and missing numbers; the step against the event integrator."""
 
 import contextlib
 import dataclasses
-import io
 import itertools
 import json
+from unittest import mock
 
 import gymnasium as gym
+import numpy as np
 import pytest
 from rich.console import Console
 
-from fuzzyarm.eval.bench import _entries as entries
-from fuzzyarm.eval.bench import run as bench_module
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
+from fuzzyarm.eval.bench import _entries, run
+from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.bench._entries import Entry, timed
-from fuzzyarm.eval.bench.run import BenchConfig, run_bench, write_document
-from fuzzyarm.eval.bench.run import _race as race
+from fuzzyarm.eval.bench.run import BenchConfig, _race, run_bench, write_document
 from fuzzyarm.eval.bench.speed_table import _speed_cells, draw_throughput, print_speeds
 
 
@@ -25,36 +28,24 @@ def entry(name, speeds, log=None, **fields):
     @contextlib.contextmanager
     def opened():
         remaining = iter([0.0, *speeds])  # the speed of the warm-up is dropped
-
-        def measure(seconds):
-            log.append((name, seconds))
-            return next(remaining)
-
         log.append((name, "open"))
         try:
-            yield measure
+            yield lambda seconds: log.append((name, seconds)) or next(remaining)
         finally:
             log.append((name, "close"))
 
-    fields = {"lanes": 4, "threads": 2, "dtype": "float64"} | fields
-    return Entry(name, open=opened, **fields)
+    return Entry(name, open=opened, **{"lanes": 4, "threads": 2, "dtype": "float64"} | fields)
 
 
 def absent(name, error, **fields):
-    @contextlib.contextmanager
-    def opened():
-        raise error
-        yield
-
-    return dataclasses.replace(entry(name, [], **fields), open=opened)
+    return dataclasses.replace(entry(name, [], **fields), open=mock.Mock(side_effect=error))
 
 
 FIVE = [100.0, 200.0, 300.0, 400.0, 500.0]
 
 
 def test_a_speed_is_steps_over_time_on_the_clock():
-    ticks = itertools.count(start=7.0, step=0.25)
-    calls = []
+    ticks, calls = itertools.count(start=7.0, step=0.25), []
     measure = timed(lambda: calls.append(None) or 3, clock=lambda: next(ticks))
     assert measure(1.0) == 3 * 4 / 1.0  # the fourth call ends at one second
     assert len(calls) == 4
@@ -62,10 +53,8 @@ def test_a_speed_is_steps_over_time_on_the_clock():
 
 
 def test_entries_take_turns_after_all_are_warm_and_are_closed():
-    log = []
-    group = [entry(name, FIVE, log) for name in "ab"]
-    rows = race("group", group, 5, 0.5)
-    warm = bench_module._WARM_UP
+    log, warm = [], run._WARM_UP
+    rows = _race("group", [entry(name, FIVE, log) for name in "ab"], 5, 0.5)
     assert log[:4] == [("a", "open"), ("a", warm), ("b", "open"), ("b", warm)]
     assert log[4:-2] == [("a", 0.5), ("b", 0.5)] * 5
     assert sorted(log[-2:]) == [("a", "close"), ("b", "close")]
@@ -76,7 +65,7 @@ def test_entries_take_turns_after_all_are_warm_and_are_closed():
 def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     own = entry("own", [10.0, 20.0, 300.0, 40.0, 50.0])
     peer = entry("peer", [10.0, 5.0, 100.0, 4.0, 1.0], peer="Peer")
-    row, other = race("group", [own, peer], 5, 0.5)
+    row, other = _race("group", [own, peer], 5, 0.5)
     assert row["ratios"] == {"Peer": {"median": 4.0, "q1": 3.0, "q3": 10.0}}  # of 1, 4, 3, 10, 50
     assert row["steps_per_s"]["median"] / other["steps_per_s"]["median"] == 8.0  # which is something else
     assert other["ratios"] == {}  # peers are not compared with each other
@@ -94,8 +83,7 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     ],
 )
 def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
-    own, peer = entry("own", FIVE), absent("peer", error, peer="Peer")
-    ours, theirs = race("group", [own, peer], 5, 0.5)
+    ours, theirs = _race("group", [entry("own", FIVE), absent("peer", error, peer="Peer")], 5, 0.5)
     assert (theirs["reason"], theirs["steps_per_s"]) == (reason, None)
     assert ours["reason"] is None and ours["steps_per_s"]["median"] == 300.0 and ours["ratios"] == {}
 
@@ -104,24 +92,24 @@ def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
 def small(monkeypatch):
     """Return the configuration of a table of made-up entries."""
 
-    def tip_error():
-        return 2e-6
+    def times(factor):
+        return [factor * speed for speed in FIVE]
 
     pendulum = entry("Pendulum-v1", [50.0] * 5, peer="Pendulum")
     missing = absent("torch", RuntimeError("no torch"), tip_error=None, dtype="float32")
-    groups = {"one environment": [entry("own", FIVE, tip_error=tip_error), pendulum]}
-    groups["64 lanes"] = [entry("own", [2.0 * speed for speed in FIVE], tip_error=tip_error), missing]
+    one, more = (entry("own", times(factor), tip_error=lambda: 2e-6) for factor in (1.0, 2.0))
+    groups = {"one environment": [one, pendulum], "64 lanes": [more, missing]}
     sweep = {
         f"sweep, {lanes} lanes": [
-            entry("own", [lanes * speed for speed in FIVE], lanes=lanes),
-            entry("torch", [2.0 * lanes * speed for speed in FIVE], lanes=lanes, dtype="float32"),
+            entry("own", times(lanes), lanes=lanes),
+            entry("torch", times(2.0 * lanes), lanes=lanes, dtype="float32"),
             absent("GPU", RuntimeError("no GPU"), lanes=lanes),
         ]
         for lanes in (1, 4, 16)
     }
     monkeypatch.setattr(BenchConfig, "groups", lambda self: groups)
     monkeypatch.setattr(BenchConfig, "sweep_groups", lambda self: sweep if self.lanes_sweep else {})
-    monkeypatch.setattr(bench_module, "_memory_per_lane", lambda: 321.4)
+    monkeypatch.setattr(run, "_memory_per_lane", lambda: 321.4)
     return BenchConfig(threads=1, lanes_sweep=True)
 
 
@@ -150,9 +138,9 @@ def test_the_table(small):
     assert headings[-3:] == ["steps/s [thousand]", "× Pendulum", "tip error [µm]"]
     assert cells[0][-3:] == ["0.300 (0.200-0.400)", "6.00 (4.00-8.00)", "2"]
     assert cells[3][-3:] == ["not measured", "", ""]
-    out = io.StringIO()
-    print_speeds(document, Console(file=out, width=200))
-    text = out.getvalue()
+    with (console := Console(width=200)).capture() as captured:
+        print_speeds(document, console)
+    text = captured.get()
     assert "Not measured: torch: no torch." in text and text.count("not measured") == 1
     assert "Not measured: GPU: no GPU." in text  # named once, and no row of the sweep
     assert "Memory: 321 bytes for each further lane" in text and "5 rounds of 0.5 s" in text
@@ -160,12 +148,23 @@ def test_the_table(small):
 
 @pytest.mark.parametrize("number", range(4))
 def test_what_is_installed_runs(number):
-    batch = entries.batch_entries(4, 1)
-    with (*entries.single_entries()[:2], batch[0], batch[-1])[number].open() as measure:
+    batch = _entries.batch_entries(4, 1)
+    with (*_entries.single_entries()[:2], batch[0], batch[-1])[number].open() as measure:
         assert measure(0.001) > 0.0
 
 
 @pytest.mark.slow
 def test_the_arm_in_torch_is_as_close_to_the_event_integrator_as_that_in_machine_code():
-    own, torch = entries._own_tip_error(), entries._torch_tip_error("cpu", "float64")
+    own, torch = _entries._own_tip_error(), _entries._torch_tip_error("cpu", "float64")
     assert own < 1e-6 and torch == pytest.approx(own, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
+def test_the_default_step_is_within_a_micrometre_and_the_error_falls_with_the_square_of_the_step(case):
+    """The regression of log error on log h over the coarser steps; below, the held line of the force takes over."""
+    policy = load_policy("computed-torque")
+    exact, steps = exact_tips(policy, case), [1e-3, 5e-4, 2.5e-4, FuzzyArmEnv().substep]
+    errors = [max_tip_difference(stepped_tips(policy, case, h), exact) for h in steps]
+    assert steps[-1] == MAX_DEFAULT_SUBSTEP == 2e-4 and errors[-1] < 1e-6
+    assert 1.9 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 2.1

@@ -10,9 +10,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from support.command_line import printed, refused
 
 from fuzzyarm import load_policy
-from fuzzyarm.cli import main
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import CONDITIONS, LEVELS, DatasetConfig
 from fuzzyarm.eval.dataset.store import open_dataset, provenance_of, record, score_of
@@ -21,18 +21,24 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 LIMIT = np.array([500.0, 250.0])
 
 
+def assert_given_again(env, seed, episode):
+    """Take the actions of an episode again; return the tip errors and whether each step was terminated or truncated."""
+    observation, _ = env.reset(seed=seed)
+    steps = [env.step(action) for action in episode.actions]
+    observations, rewards, terminated, truncated, infos = zip(*steps, strict=True)
+    assert_array_equal([observation, *observations], episode.observations)
+    assert_array_equal(rewards, episode.rewards)
+    return [info["tip_error"] for info in infos], terminated, truncated
+
+
 def test_the_recorded_torques_give_the_recorded_episode_again():
     second = list(record(load_policy("computed-torque"), "loads", 2, 5, noise=0.02))[1]
-    env = gym.make("FuzzyArm-v0", **CONDITIONS["loads"])
-    observation, _ = env.reset(seed=second.seed)
     assert second.seed == 6
-    assert_array_equal(observation, second.observations[0])
-    for step, action in enumerate(second.actions):
-        observation, reward, terminated, truncated, info = env.step(action)
-        assert_array_equal(observation, second.observations[step + 1])
-        assert (reward, info["tip_error"]) == (second.rewards[step], second.tip_errors[step])
-        assert (terminated or truncated) == (step == len(second.actions) - 1)
-    assert truncated == second.completed
+    env = gym.make("FuzzyArm-v0", **CONDITIONS["loads"])
+    errors, terminated, truncated = assert_given_again(env, 6, second)
+    assert_array_equal(errors, second.tip_errors)
+    assert np.flatnonzero(np.logical_or(terminated, truncated)).tolist() == [len(errors) - 1]
+    assert truncated[-1] == second.completed
     noise = (second.actions - second.intended) / LIMIT
     assert noise.std() == pytest.approx(0.02, rel=0.05) and abs(noise.mean()) < 0.002
 
@@ -67,15 +73,12 @@ def test_policies_share_the_episodes():
 def test_without_minari_the_extra_is_named(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "minari", None)
     monkeypatch.setitem(sys.modules, "h5py", None)
-    out = tmp_path / "sets"
-    assert main(["dataset", "--out", str(out)]) == 2
-    err = capsys.readouterr().err
-    assert '".[datasets]"' in err and err.count("\n") == 1
-    assert not out.exists()
+    assert '".[datasets]"' in refused(capsys, "dataset", "--out", tmp_path / "sets")
+    assert not (tmp_path / "sets").exists()
 
 
 @pytest.fixture
-def minari(monkeypatch):
+def minari():
     pytest.importorskip("h5py")
     return pytest.importorskip("minari")
 
@@ -84,18 +87,15 @@ def minari(monkeypatch):
 def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path.parent)
     words = ["dataset", "--out", tmp_path.name, "--level", "mixed", "--episodes", "3", "--seed", "4"]
-    assert main(words) == 0
-    assert "3 episodes" in capsys.readouterr().out
+    assert "3 episodes" in printed(capsys, *words)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    name = DatasetConfig(level="mixed").name
+    name, policies = DatasetConfig(level="mixed").name, LEVELS["mixed"]
     assert list(minari.list_local_datasets()) == [name]
     dataset = minari.load_dataset(name)
-    policies = LEVELS["mixed"]
-    for place, (policy, found) in enumerate(zip(policies, dataset, strict=True)):
-        (expected,) = record(load_policy(policy), "nominal", 1, 4 + place, 0.02)
-        assert_array_equal(found.observations, expected.observations)
-        assert_array_equal(found.actions, expected.actions)
-        assert_array_equal(found.rewards, expected.rewards)
+    for seed, (policy, found) in enumerate(zip(policies, dataset, strict=True), 4):
+        (expected,) = record(load_policy(policy), "nominal", 1, seed, 0.02)
+        for signal in ("observations", "actions", "rewards"):
+            assert_array_equal(getattr(found, signal), getattr(expected, signal))
         assert_array_equal(found.infos["intended_action"], expected.intended)
         assert (found.truncations[-1], found.terminations[-1]) == (expected.completed, not expected.completed)
     (best,) = record(load_policy("learned-observer"), "nominal", 1, 0)  # all nominal episodes without noise are alike
@@ -103,8 +103,7 @@ def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, caps
     assert dataset.recover_environment().observation_space == dataset.observation_space
     own = provenance_of(open_dataset(tmp_path / name))
     assert own["settings"]["seed"] == 4 and list(own["policies"]) == list(policies)
-    assert main(words) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in refused(capsys, *words)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fuzzyarm"]
 
 
@@ -117,14 +116,8 @@ def test_stored_episodes_are_in_the_declared_spaces_and_give_themselves_again_bi
     for stored, metadata in zip(dataset, dataset.storage.get_episode_metadata([0, 1]), strict=True):
         assert all(map(dataset.action_space.contains, stored.actions))
         assert all(map(dataset.observation_space.contains, stored.observations))
-        seen, earned = [env.reset(seed=metadata["seed"])[0]], []
-        for action in stored.actions:
-            observation, reward, terminated, truncated, _ = env.step(action)
-            seen.append(observation)
-            earned.append(reward)
-        assert_array_equal(seen, stored.observations)
-        assert_array_equal(earned, stored.rewards)
-        assert (terminated, truncated) == (stored.terminations[-1], stored.truncations[-1])
+        _, terminated, truncated = assert_given_again(env, metadata["seed"], stored)
+        assert (terminated[-1], truncated[-1]) == (stored.terminations[-1], stored.truncations[-1])
     env.close()
 
 

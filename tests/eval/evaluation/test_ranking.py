@@ -7,11 +7,9 @@ import json
 import numpy as np
 import pytest
 from scipy.stats import trim_mean
-from support.command_line import one_line_error
+from support.command_line import printed, refused
 
-from fuzzyarm.cli import main
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm import ArmParameters, robot_named
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.evaluation._statistics import estimate
@@ -28,23 +26,13 @@ def document(errors, *, cases=CASES, version="0.1.0", **config):
     seeds = len(next(iter(errors.values()))[0])
     return {
         "schema": SCHEMA,
-        "config": {
-            "policies": list(errors),
-            "cases": list(cases),
-            "seeds": seeds,
-            "encoder_noise": [1e-5, 1e-3],
-            "control_period": 1e-3,
-            "parameters": {},
-        }
+        "config": {"policies": list(errors), "cases": list(cases), "seeds": seeds, "encoder_noise": [1e-5, 1e-3]}
+        | {"control_period": 1e-3, "parameters": {}}
         | config,
         "versions": {"fuzzyarm": version},
-        "commit": None,
         "machine": {"cpu": "any", "cores": 1, "system": "any"},
-        "arm": "",
-        "command": None,
-        "date": "",
+        **{"commit": None, "arm": "", "command": None, "date": "", "rollouts_sha256": ""},
         "policy_files": {name: {} for name in errors},
-        "rollouts_sha256": "",
         "certified_bounds": dict.fromkeys(errors),
         "declared": written_declarations(read_declarations(None, list(errors))),
         "certificates": {name: "proven" if name.startswith("fuzzy") else None for name in errors},
@@ -64,7 +52,6 @@ def ranked(*paths):
 
 
 def test_the_score_is_the_largest_error_of_all_cases(write):
-    """However small an error is without load, it makes up for nothing under load."""
     board = rank_policies([write("a", document({"a": [[1e-6], [8.0], [7.0]], "b": [[1.0], [5.0], [6.0]]}))])
     assert [standing.policy for standing in board.standings] == ["b", "a"]
     assert [standing.score.mean for standing in board.standings] == pytest.approx([12.0, 16.0])
@@ -88,12 +75,9 @@ def test_the_smallest_comes_first_across_files_and_equals_share_a_rank(write):
 
 
 def test_below_a_micrometre_nobody_is_ranked_and_no_number_is_printed(write):
-    """The raw numbers stay in the JSON; a zero and nine tenths of a micrometre share a rank."""
     path = write("a", document({"a": [[4e-4]] * 3, "b": [[1e-4]] * 3, "c": [[6e-4]] * 3}))
-    board = rank_policies([path])  # scores are twice these errors
-    assert [(rank, one.policy) for rank, one in zip(board.ranks, board.standings, strict=True)] == [
-        (1, "a"), (1, "b"), (3, "c")
-    ]  # fmt: skip
+    assert ranked(path) == [(1, "a"), (1, "b"), (3, "c")]  # scores are twice these errors
+    board = rank_policies([path])
     assert [row[2] for row in board.sheet.rows] == ["< 0.001", "< 0.001", "0.00120"]
     assert all(row[3] == "< 0.001" for row in board.sheet.rows)
     assert board.standings[0].score.mean == pytest.approx(8e-4)
@@ -109,8 +93,7 @@ def test_who_lost_the_path_ranks_last_by_how_often(write):
     path = write("a", results)
     assert ranked(path) == [(1, "d"), (2, "c"), (3, "b"), (4, "a")]
     standings = {standing.policy: standing for standing in rank_policies([path]).standings}
-    assert standings["a"].score is None
-    assert (standings["a"].lost, standings["a"].episodes) == (2, 3)
+    assert (standings["a"].score, standings["a"].lost, standings["a"].episodes) == (None, 2, 3)
     assert standings["a"].rms == {"nominal": None, "machining": 1.0, "payload": None}
     assert standings["c"].score.mean == 100.0
 
@@ -133,8 +116,7 @@ OTHER_FIELDS = {
     "force": (10.0, 20.0),
     "payload": 3.0,
     "passes": 2,
-}
-"""A value of each field that is not the default, with noise."""
+}  # what is not the default, with noise
 
 
 def test_every_field_of_an_evaluation_but_the_policies_is_a_condition():
@@ -153,39 +135,33 @@ def test_every_field_of_an_evaluation_but_the_policies_is_a_condition():
 @pytest.mark.parametrize(("other", "expected"), OTHERS.values(), ids=OTHERS)
 def test_unlike_results_are_refused_with_the_difference(write, capsys, other, expected):
     paths = [write("one", document(FINE)), write("two", document({"b": FINE["a"]})), write("three", other)]
-    assert main(["leaderboard", *map(str, paths)]) == 2
-    error = one_line_error(capsys)
-    assert expected in error
-    assert str(paths[0]) in error and str(paths[2]) in error
+    error = refused(capsys, "leaderboard", *paths)
+    assert expected in error and str(paths[0]) in error and str(paths[2]) in error
 
 
 @pytest.mark.parametrize("wrong", [{}, {"a": {"objective": "o"}}, {"a": 3}])
 def test_a_damaged_declaration_and_a_file_given_twice_are_one_line(write, capsys, wrong):
     damaged, path = write("damaged", document(FINE) | {"declared": wrong}), write("a", document(FINE))
-    for words, message in (([damaged], "declared"), ([path, path.parent], "is given twice")):
-        assert main(["leaderboard", *map(str, words)]) == 2
-        assert message in one_line_error(capsys)
+    assert "declared" in refused(capsys, "leaderboard", damaged)
+    assert "is given twice" in refused(capsys, "leaderboard", path, path.parent)
 
 
 def test_the_table_of_real_results(tmp_path, capsys, short):
-    config = EvaluationConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("nominal",))
-    evaluation = evaluate(config)
+    evaluation = evaluate(EvaluationConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("nominal",)))
     path, _ = write_results(evaluation, tmp_path)
-    assert main(["leaderboard", str(path)]) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, "leaderboard", path)
     assert "\x1b" not in out
-    rows = [line.split() for line in out.splitlines()[1:3]]
-    best, second = evaluation.rows[1]["tip_error_max_mm"], evaluation.rows[0]["tip_error_max_mm"]
-    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["-", str(path)]
-    assert rows[1][:3] == ["2", "fuzzy-4", f"{second:#.3g}"] and rows[1][-3:] == ["rigid", "arm", str(path)]
+    first, second = (line.split() for line in out.splitlines()[1:3])
+    behind, best = (f"{row['tip_error_max_mm']:#.3g}" for row in evaluation.rows)
+    assert first[:3] == ["1", "computed-torque-tip", best] and first[-2:] == ["-", str(path)]
+    assert second[:3] == ["2", "fuzzy-4", behind] and second[-3:] == ["rigid", "arm", str(path)]
     assert "Score: largest tip error of all cases. Lost:" in out
     assert "control period 1 ms, 1 seed, no noise" in out
 
 
 def test_what_is_proven_of_the_tip_stands_beside_its_policy(write):
-    board = rank_policies(
-        [write("a", document({"a": [[1.0], [8.0], [27.0]], "b": [[1.0]] * 3}))], {"b": "tip within 1 mm"}
-    )
+    path = write("a", document({"a": [[1.0], [8.0], [27.0]], "b": [[1.0]] * 3}))
+    board = rank_policies([path], {"b": "tip within 1 mm"})
     assert {standing.policy: standing.tip for standing in board.standings} == {"a": "", "b": "tip within 1 mm"}
     lines = [line for line in markdown(board).splitlines() if "tip within 1 mm" in line]
     assert len(lines) == 1 and "| b |" in lines[0]
@@ -196,14 +172,13 @@ def test_the_file_declares_and_not_the_name(write, capsys):
     content = document({"mine": [[1.0]] * 3, "fuzzy-4": [[2.0]] * 3, "silent": [[3.0]] * 3})
     content["declared"] = {"mine": mine, "fuzzy-4": mine | {"objective": "another"}, "silent": None}
     path = write("a", content)
-    assert main(["leaderboard", str(path), "--declared", "--markdown"]) == 0
-    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][-3:] == [
+    out = printed(capsys, "leaderboard", path, "--declared", "--markdown")
+    assert [line for line in out.splitlines() if line.startswith("| ")][-3:] == [
         "| mine | small&#124;error | cases | nothing | all | one |",
         "| fuzzy-4 | another | cases | nothing | all | one |",
         f"| silent |{5 * ' not declared |'}",
     ]
-    assert main(["leaderboard", str(path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(printed(capsys, "leaderboard", path, "--json"))
     assert [one["declared"] for one in found["standings"]] == list(content["declared"].values())
     ranks = [(one["rank"], one["policy"], one["score"]["mean"]) for one in found["standings"]]
     assert ranks == [(1, "mine", 2.0), (2, "fuzzy-4", 4.0), (3, "silent", 6.0)]
@@ -232,10 +207,8 @@ def test_interval_is_that_of_all_resamples(seed):
     resamples = values[np.array(list(itertools.product(range(5), repeat=5)))]
     exact = np.percentile(trim_mean(resamples, 0.25, axis=1), [2.5, 97.5])
     found = estimate(values)
-    assert found.low <= found.mean <= found.high
+    assert values.min() <= found.low <= found.mean <= found.high <= values.max()
     assert [found.low, found.high] == pytest.approx(exact, abs=0.03 * np.ptp(values))
-    assert values.min() <= found.low
-    assert found.high <= values.max()
     assert estimate(values[::-1]).mean == pytest.approx(found.mean)
     assert estimate(values) == found
 

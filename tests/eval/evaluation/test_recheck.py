@@ -4,11 +4,11 @@ import copy
 import json
 import shutil
 import sys
-from importlib import resources
 from pathlib import Path
 
 import pytest
-from support.command_line import one_line_error
+from support.command_line import printed, refused
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.recheck import recheck_results
@@ -16,27 +16,23 @@ from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 
 ROOT = Path(__file__).parents[3]
-SHIPPED = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers")))
+CHECK = ["evaluate", "--check"]
 LAW = "from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy as Law\n"
 
 
 @pytest.fixture(scope="module")
 def evaluation():
-    config = EvaluationConfig(
-        policies=("fuzzy-4", "computed-torque"), cases=("nominal",), seeds=2, encoder_noise=(1e-5, 1e-3)
-    )
-    return evaluate(config)
+    policies, noise = ("fuzzy-4", "computed-torque"), (1e-5, 1e-3)
+    return evaluate(EvaluationConfig(policies=policies, cases=("nominal",), seeds=2, encoder_noise=noise))
 
 
 @pytest.fixture
 def document(evaluation):
-    """What `evaluate` writes, to be changed at will."""
     return json.loads(json.dumps(evaluation.to_dict()))
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty current folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", sys.path.copy())
     return tmp_path
@@ -57,12 +53,10 @@ def differences(folder, document, evaluation, monkeypatch):
 def test_a_fresh_evaluation_agrees_with_itself_and_nothing_is_written(folder, document, capsys):
     path = write(folder, document)
     before = path.read_bytes()
-    assert main(["evaluate", "--check", "results.json"]) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, *CHECK, "results.json")
     numbers = 4 * (len(document["results"][0]) - len(("case", "policy", "seed", "completed", "reason", "predict_us")))
     assert out == f"{numbers + len(('alpha', 'gamma'))} numbers of 4 rows agree\n"
-    assert list(folder.iterdir()) == [path]
-    assert path.read_bytes() == before
+    assert list(folder.iterdir()) == [path] and path.read_bytes() == before
 
 
 def test_each_number_is_compared(folder, document, evaluation, monkeypatch):
@@ -77,18 +71,13 @@ def test_each_number_is_compared(folder, document, evaluation, monkeypatch):
             assert differences(folder, changed, evaluation, monkeypatch) == expected
 
 
-def replaced(keys, value):
-    """Return a change that puts a value into a nested document, or takes the key out of it."""
-
-    def change(document):
-        for key in keys[:-1]:
-            document = document[key]
-        if value is None:
-            del document[keys[-1]]
-        else:
-            document[keys[-1]] = value
-
-    return change
+def replace(document, keys, value):
+    """Put a value into a nested document; instead of `...`, take the key out of it."""
+    for key in keys[:-1]:
+        document = document[key]
+    document[keys[-1]] = value
+    if value is ...:
+        del document[keys[-1]]
 
 
 @pytest.mark.parametrize(
@@ -96,20 +85,15 @@ def replaced(keys, value):
     [
         (["results", 1, "completed"], False, ["completed"]),
         (["results", 1, "reason"], "gone", ["reason"]),
-        (["results", 1, "energy"], None, ["energy"]),
+        (["results", 1, "energy"], ..., ["energy"]),
         (["results", 1, "height"], 1.0, ["height"]),
         (["certified_bounds", "fuzzy-4", "gamma"], 1e-4, ["gamma"]),
+        (["certified_bounds", "fuzzy-4"], None, ["form", "alpha", "gamma", "controller_digest"]),
     ],
 )
 def test_what_is_no_metric_is_compared_too(folder, document, evaluation, monkeypatch, keys, value, expected):
-    replaced(keys, value)(document)
+    replace(document, keys, value)
     assert differences(folder, document, evaluation, monkeypatch) == expected
-
-
-def test_a_bound_that_was_not_recorded_is_a_difference(folder, document, evaluation, monkeypatch):
-    document["certified_bounds"]["fuzzy-4"] = None
-    names = ["form", "alpha", "gamma", "controller_digest"]
-    assert differences(folder, document, evaluation, monkeypatch) == names
 
 
 def test_what_differs_is_shown_with_both_values(folder, document, capsys, evaluation, monkeypatch):
@@ -125,25 +109,23 @@ def test_what_differs_is_shown_with_both_values(folder, document, capsys, evalua
 
 def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
     mine = folder / "mine.json"
-    shutil.copy(SHIPPED / "fuzzy-1.json", mine)
+    shutil.copy(CONTROLLERS["fuzzy-1"], mine)
     write_results(evaluate(EvaluationConfig(policies=("mine.json-tip",), cases=("nominal",))), folder)
-    assert main(["evaluate", "--check", "results.json"]) == 0
-    capsys.readouterr()
-    shutil.copy(SHIPPED / "fuzzy-2.json", mine)
-    assert main(["evaluate", "--check", "results.json"]) == 2
-    assert "mine.json-tip has changed since it was measured: the SHA-256 of mine.json differs" in one_line_error(capsys)
+    printed(capsys, *CHECK, "results.json")
+    shutil.copy(CONTROLLERS["fuzzy-2"], mine)
+    changed = "mine.json-tip has changed since it was measured: the SHA-256 of mine.json differs"
+    assert changed in refused(capsys, *CHECK, "results.json")
     mine.unlink()
-    assert main(["evaluate", "--check", "results.json"]) == 2
-    assert "mine.json-tip is neither in the current folder nor beside the results" in one_line_error(capsys)
+    gone = "mine.json-tip is neither in the current folder nor beside the results"
+    assert gone in refused(capsys, *CHECK, "results.json")
 
 
 @pytest.mark.slow
 def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsys, undrawn):
-    """It is recorded by its name; what is found under that name has to have the digest that was measured."""
     elsewhere, out = folder / "elsewhere", folder / "out"
     elsewhere.mkdir()
     mine = elsewhere / "mine.json"
-    shutil.copy(SHIPPED / "fuzzy-1.json", mine)
+    shutil.copy(CONTROLLERS["fuzzy-1"], mine)
     learned = shutil.copytree(ROOT / "fuzzyarm/fuzzy_policy/laws/learned/policies/ppo-nominal", elsewhere / "taught")
     names = [f"{mine}-tip", str(learned), "elsewhere/mine.json"]
     arguments = [word for name in names for word in ("--policy", name)]
@@ -152,40 +134,33 @@ def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsy
     assert str(folder) not in text + (out / "results.csv").read_text() + capsys.readouterr().err
     assert json.loads(text)["config"]["policies"] == ["mine.json-tip", "taught", "elsewhere/mine.json"]
     assert "--policy mine.json-tip --policy taught --policy elsewhere/mine.json" in json.loads(text)["command"]
-    assert main(["report", str(out)]) == 0
+    printed(capsys, "report", out)
     assert str(folder) not in (out / "report.html").read_text(encoding="utf-8")
-    capsys.readouterr()
-
-    check = ["evaluate", "--check", str(out)]
-    assert main(check) == 2
-    assert "add --policy PATH/mine.json-tip" in one_line_error(capsys)
-    assert main([*check, "--policy", names[0], names[1]]) == 0
+    check = [*CHECK, out]
+    assert "add --policy PATH/mine.json-tip" in refused(capsys, *check)
+    printed(capsys, *check, "--policy", names[0], names[1])
     shutil.copy(mine, out)
     shutil.copytree(learned, out / "taught")
-    assert main(check) == 0
-    capsys.readouterr()
-    assert main([*check, "--policy", str(elsewhere / "other.json")]) == 2
-    assert "or gives the new path of a policy's file" in one_line_error(capsys)
+    printed(capsys, *check)
+    error = refused(capsys, *check, "--policy", elsewhere / "other.json")
+    assert "or gives the new path of a policy's file" in error
 
 
 def test_a_file_alone_runs_no_code(folder, capsys, short):
     """Only with the same --policy on the command line; then the source must be the one that was measured."""
-    source = folder / "my_checked.py"
+    source, name = folder / "my_checked.py", "my_checked:Law"
     source.write_text(LAW)
-    name = "my_checked:Law"
     write_results(evaluate(EvaluationConfig(policies=(name, "computed-torque"), cases=("nominal",))), folder)
     del sys.modules["my_checked"]
-    arguments = ["evaluate", "--check", "results.json"]
-    assert main(arguments) == 2
-    assert f"if you trust this code, add --policy {name}" in one_line_error(capsys)
-    assert main([*arguments, "--policy", name, "--policy", "my_checked:Other"]) == 2
-    assert "--policy my_checked:Other: with --check, --policy only permits code" in one_line_error(capsys)
+    check = [*CHECK, "results.json"]
+    assert f"if you trust this code, add --policy {name}" in refused(capsys, *check)
+    error = refused(capsys, *check, "--policy", name, "--policy", "my_checked:Other")
+    assert "--policy my_checked:Other: with --check, --policy only permits code" in error
     assert "my_checked" not in sys.modules
-    assert main([*arguments, "--policy", name]) == 0
-    assert "rows agree" in capsys.readouterr().out
+    assert "rows agree" in printed(capsys, *check, "--policy", name)
     source.write_text(LAW + "# changed\n")
-    assert main([*arguments, "--policy", name]) == 2
-    assert f"policy {name} has changed since it was measured: the SHA-256 of my_checked.py" in one_line_error(capsys)
+    changed = f"policy {name} has changed since it was measured: the SHA-256 of my_checked.py"
+    assert changed in refused(capsys, *check, "--policy", name)
     del sys.modules["my_checked"]
 
 
@@ -198,56 +173,50 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     ],
 )
 def test_options_that_the_file_decides_are_refused(folder, document, capsys, options, message):
-    assert main(["evaluate", "--check", str(write(folder, document)), *options]) == 2
-    assert message in one_line_error(capsys)
+    assert message in refused(capsys, *CHECK, write(folder, document), *options)
 
 
 BROKEN = {
-    "another schema": (replaced(["schema"], "fuzzyarm-margins/1"), "the schema is 'fuzzyarm-margins/1'"),
-    "no configuration": (replaced(["config"], None), "missing required field `config`"),
-    "no version": (replaced(["versions", "fuzzyarm"], None), "'fuzzyarm' is missing"),
-    "a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], 10**400), "is damaged"),
-    "no certificates": (replaced(["certificates"], {}), "'fuzzy-4' is missing"),
-    "a policy": (replaced(["config", "policies", 0], 4), "got `int` at `config.policies[0]`"),
-    "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),
-    "many seeds": (replaced(["config", "seeds"], 10**12), "its number of rows is 4; needed: "),
-    "noise": (replaced(["config", "encoder_noise"], [-1.0, 0.0]), "EncoderNoise.position = -1.0"),
-    "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass[0] = "),
-    "an unknown key of the arm": (replaced(["config", "parameters", "colour"], "red"), "unknown field colour"),
-    "a row of another": (
-        replaced(["results", 0, "seed"], 1),
-        "instead of ('nominal', 'fuzzy-4', 0)",
-    ),
-    "no error": (replaced(["results", 0, "tip_error_rms_mm"], None), "a row of its results lacks tip_error_rms_mm"),
-    "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) = 'much'"),
-    "infinity": (replaced(["results", 0, "energy"], float("inf")), "Infinity is not a JSON number"),
-    "completed": (replaced(["results", 0, "completed"], "yes"), "completed = 'yes'"),
+    "another schema": (["schema"], "fuzzyarm-margins/1", "the schema is 'fuzzyarm-margins/1'"),
+    "no configuration": (["config"], ..., "missing required field `config`"),
+    "no version": (["versions", "fuzzyarm"], ..., "'fuzzyarm' is missing"),
+    "a bound": (["certified_bounds", "fuzzy-4", "gamma"], 10**400, "is damaged"),
+    "no certificates": (["certificates"], {}, "'fuzzy-4' is missing"),
+    "a policy": (["config", "policies", 0], 4, "got `int` at `config.policies[0]`"),
+    "a case": (["config", "cases"], ["nowhere"], "choose from: nominal"),
+    "many seeds": (["config", "seeds"], 10**12, "its number of rows is 4; needed: "),
+    "noise": (["config", "encoder_noise"], [-1.0, 0.0], "EncoderNoise.position = -1.0"),
+    "the arm": (["config", "parameters", "mass"], [-1.0, 1.0], "mass[0] = "),
+    "an unknown key of the arm": (["config", "parameters", "colour"], "red", "unknown field colour"),
+    "a row of another": (["results", 0, "seed"], 1, "instead of ('nominal', 'fuzzy-4', 0)"),
+    "no error": (["results", 0, "tip_error_rms_mm"], ..., "a row of its results lacks tip_error_rms_mm"),
+    "a word": (["results", 0, "energy"], "much", "energy of ('nominal', 'fuzzy-4', 0) = 'much'"),
+    "infinity": (["results", 0, "energy"], float("inf"), "Infinity is not a JSON number"),
+    "completed": (["results", 0, "completed"], "yes", "completed = 'yes'"),
 }
 
 
-@pytest.mark.parametrize(("change", "expected"), BROKEN.values(), ids=BROKEN)
-@pytest.mark.parametrize("command", [["evaluate", "--check"], ["leaderboard"]], ids=["check", "leaderboard"])
-def test_a_broken_file_is_one_line_that_names_it(folder, document, capsys, monkeypatch, command, change, expected):
+@pytest.mark.parametrize(("keys", "value", "expected"), BROKEN.values(), ids=BROKEN)
+def test_a_broken_file_is_one_line_that_names_it(folder, document, capsys, monkeypatch, keys, value, expected):
     monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", None)  # nothing may run
-    change(document)
+    replace(document, keys, value)
     path = write(folder, document)
-    assert main([*command, str(path)]) == 2
-    error = one_line_error(capsys)
-    assert str(path) in error and expected in error and "fuzzyarm evaluate --out" in error
+    for command in (CHECK, ["leaderboard"]):
+        error = refused(capsys, *command, path)
+        assert str(path) in error and expected in error and "fuzzyarm evaluate --out" in error
 
 
 @pytest.mark.parametrize("content", ["", "[]", "[" * 100_000, None])
 def test_what_is_no_document_or_not_there_is_one_line(folder, capsys, content):
     path = folder / "results.json" if content is None else write(folder, content)
-    assert main(["evaluate", "--check", str(path)]) == 2
-    error = one_line_error(capsys)
+    error = refused(capsys, *CHECK, path)
     assert str(path) in error and (content is not None or "does not exist; make it again with" in error)
 
 
 def test_an_unknown_policy_is_named(folder, document, capsys):
     text = json.dumps(document).replace("computed-torque", "computed-torrent")
-    assert main(["evaluate", "--check", str(write(folder, text))]) == 2
-    assert "unknown policy 'computed-torrent'; did you mean computed-torque?" in one_line_error(capsys)
+    error = refused(capsys, *CHECK, write(folder, text))
+    assert "unknown policy 'computed-torrent'; did you mean computed-torque?" in error
 
 
 def test_the_published_file_reads():

@@ -1,71 +1,61 @@
 """One small evaluation on disk and its report, for all tests of the report."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from support import browser
 from support.altered_evaluations import NASTY, scaled, wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.policies import COMPARED
 
 
-@pytest.fixture(scope="session")
-def evaluation() -> Evaluation:
-    return evaluate(
-        EvaluationConfig(policies=("fuzzy-4", "computed-torque", "fuzzy-4-tip"), cases=("nominal", "machining"))
-    )
+def reported(evaluation, folder):
+    """Write an evaluation into the folder with its report."""
+    assert main(["report", str(write(evaluation, folder))]) == 0
+    return folder
 
 
 @pytest.fixture(scope="session")
-def folder(evaluation, tmp_path_factory) -> Path:
+def evaluation():
+    policies = "fuzzy-4", "computed-torque", "fuzzy-4-tip"
+    return evaluate(EvaluationConfig(policies=policies, cases=("nominal", "machining")))
+
+
+@pytest.fixture(scope="session")
+def folder(evaluation, tmp_path_factory):
     """The evaluation of three policies in two cases, with its report."""
-    path = write(evaluation, tmp_path_factory.mktemp("report") / "evaluation")
-    assert main(["report", str(path)]) == 0
-    return path
+    return reported(evaluation, tmp_path_factory.mktemp("report"))
 
 
 @pytest.fixture(scope="session")
-def nasty_folder(evaluation, tmp_path_factory) -> Path:
+def nasty_folder(evaluation, tmp_path_factory):
     """Computed torque and a wild policy with a nasty name."""
-    runs = []
-    for run in evaluation.rollouts:
-        if run.policy == "computed-torque":
-            runs += [run, wild(run, NASTY, 700)]
-    made = with_runs(evaluation, runs)
-    path = write(made, tmp_path_factory.mktemp("nasty") / "evaluation")
-    assert main(["report", str(path)]) == 0
-    return path
+    own = [run for run in evaluation.rollouts if run.policy == "computed-torque"]
+    runs = [made for run in own for made in (run, wild(run, NASTY, 700))]
+    return reported(with_runs(evaluation, runs), tmp_path_factory.mktemp("nasty"))
 
 
-@pytest.fixture(scope="session")
-def many_folders(evaluation, tmp_path_factory) -> dict[int, Path]:
-    """Nine and twelve policies in three cases, the fourth the best and the third of the cases the hardest."""
+@pytest.fixture(scope="session", params=[12])
+def many_folder(request, evaluation, tmp_path_factory):
+    """Twelve policies in three cases, the fourth the best and the third case the hardest, or the first of these."""
     nominal, machining = (evaluation.rollouts[k] for k in (0, 3))
     cases = [(nominal, "nominal", 0.1), (machining, "machining", 1.0), (machining, "payload", 1.1)]
     factors = [1.4, 1.3, 1.2, 0.4, 1.1, 0.6, 0.5, 1.0, 0.7, 0.8, 0.9, 1.5]
     names = [*COMPARED, "ppo-nominal", "fuzzy-4-sampled-tip", "my.controller:make_observer"]
-    folders = {}
-    for count in (9, 12):
-        runs = [
-            scaled(run, name, share * factor, case=case)
-            for run, case, share in cases
-            for name, factor in zip(names[:count], factors[:count], strict=True)
-        ]
-        if count == 12:
-            runs[-1] = wild(runs[-1], names[11], 700)
-        folders[count] = write(with_runs(evaluation, runs), tmp_path_factory.mktemp("many") / "e")
-        assert main(["report", str(folders[count])]) == 0
-    return folders
+    runs = [
+        scaled(run, name, share * factor, case=case)
+        for run, case, share in cases
+        for name, factor in list(zip(names, factors, strict=True))[: request.param]
+    ]
+    if request.param == len(names):
+        runs[-1] = wild(runs[-1], names[-1], 700)
+    return reported(with_runs(evaluation, runs), tmp_path_factory.mktemp("many"))
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items) -> None:
+def pytest_collection_modifyitems(items):
     """Let the tests in a browser be slow ones: they take a minute, and are skipped where there is none."""
     for item in items:
         if "chromium" in item.fixturenames:
@@ -73,7 +63,7 @@ def pytest_collection_modifyitems(items) -> None:
 
 
 @pytest.fixture(scope="session")
-def chromium() -> Iterator[browser.Tab]:
+def chromium():
     if browser.executable() is None:
         if os.environ.get("CI_BROWSER") == "1":
             pytest.fail("CI_BROWSER=1 demands Chromium: apt-get install chromium")

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from support.altered_evaluations import NASTY, wild, with_runs, write
+from support.altered_evaluations import NASTY
 
-from fuzzyarm.cli import main
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts
 from fuzzyarm.policies import COMPARED
 
 POLICIES = ("fuzzy-4", "computed-torque", "fuzzy-4-tip")
 PICTURES = "[...document.querySelectorAll('#arms canvas, #plots canvas')].map((canvas) => canvas.toDataURL())"
 READOUT = "[...document.querySelectorAll('.readout')].map((line) => line.textContent)"
+PLAY = "document.getElementById('play')"
 TIME = "document.getElementById('time').textContent"
 SAMPLE = "Number(document.getElementById('scrubber').value)"
 
@@ -49,27 +49,26 @@ def shown(page):
 
 def test_playing_moves_the_arms_and_the_cursors_and_stops_at_the_end(page):
     before = page.run(PICTURES)
-    page.run("document.getElementById('play').click()")
+    page.run(f"{PLAY}.click()")
     page.wait_for(f"{SAMPLE} > 100")
-    after = page.run(PICTURES)
-    assert all(a != b for a, b in zip(before, after, strict=True))
-    assert "Pause" in page.run("document.getElementById('play').textContent")
-    page.run("document.getElementById('play').click()")
+    assert all(now != then for now, then in zip(page.run(PICTURES), before, strict=True))
+    assert "Pause" in page.run(f"{PLAY}.textContent")
+    page.run(f"{PLAY}.click()")
     stopped = page.run(SAMPLE)
     page.run("new Promise((resolve) => setTimeout(resolve, 100))")
     assert page.run(SAMPLE) == stopped
     seek(page, 1450)
-    page.run("document.getElementById('play').click()")
-    page.wait_for("document.getElementById('play').textContent.includes('Play')")
+    page.run(f"{PLAY}.click()")
+    page.wait_for(f"{PLAY}.textContent.includes('Play')")
     assert page.run(TIME) == "1.500 s"
-    page.run("document.getElementById('loop').click(), document.getElementById('play').click()")
+    page.run(f"document.getElementById('loop').click(), {PLAY}.click()")
     page.wait_for(f"{SAMPLE} > 0 && {SAMPLE} < 1400")
 
 
 @pytest.mark.parametrize("sample", [0, 1, 620, 1499])
 def test_the_scrubber_shows_the_sample_of_the_file(page, rollouts, sample):
-    for index, case in enumerate(("nominal", "machining")):
-        page.press(str(index + 1))
+    for key, case in (("1", "nominal"), ("2", "machining")):
+        page.press(key)
         seek(page, sample)
         for policy, (error, torque) in shown(page).items():
             run = rollouts[case, policy]
@@ -105,8 +104,7 @@ def test_keys(page):
     assert after("End") == 1499
     assert after("ArrowLeft", "ArrowLeft", "ArrowRight") == 1498
     assert after("ArrowLeft", shift=True) == 1448
-    assert after("Home") == 0
-    assert after("ArrowLeft") == 0
+    assert [after("Home"), after("ArrowLeft")] == [0, 0]
     page.press("2")
     assert page.run("document.querySelector('[aria-selected=true]').textContent") == "Case 2: machining force"
     for focused in ("body", "#scrubber", "#play"):
@@ -115,19 +113,16 @@ def test_keys(page):
         page.wait_for(f"{SAMPLE} > 0")
         page.press(" ")
         assert page.run("state.playing") is False
-        assert after("Home") == 0
-        assert after("ArrowRight") == 1
-        assert after("Home") == 0
+        assert [after("Home"), after("ArrowRight"), after("Home")] == [0, 1, 0]
 
 
-def test_axe_finds_nothing(chromium, many_folders):
+def test_axe_finds_nothing(chromium, many_folder):
     for width in (1280, 390):
-        chromium.open(many_folders[12] / "report.html", width=width)
+        chromium.open(many_folder / "report.html", width=width)
         assert chromium.barriers() == []
 
 
 def test_nothing_can_be_fetched(chromium, folder):
-    """The page's own policy refuses: the violation is reported by the browser."""
     chromium.open(folder / "report.html")
     blocked = (
         "new Promise((resolve) => { document.addEventListener('securitypolicyviolation', (event) =>"
@@ -154,34 +149,23 @@ def test_nasty_names_and_early_ends(chromium, nasty_folder):
     assert chromium.problems == [] and chromium.requests == [path.as_uri()]
 
 
-@pytest.fixture(scope="module")
-def early_folder(evaluation, tmp_path_factory):
-    """Two policies in the machining case; one ends early."""
-    run = next(r for r in evaluation.rollouts if (r.case, r.policy) == ("machining", "fuzzy-4"))
-    folder = write(with_runs(evaluation, [run, wild(run, "early", 700)]), tmp_path_factory.mktemp("early") / "e")
-    assert main(["report", str(folder)]) == 0
-    return folder
-
-
-def test_a_case_opens_at_the_largest_error_of_any_policy(chromium, folder):
+def test_a_case_opens_at_the_largest_error_of_any_policy(chromium, folder, rollouts):
     chromium.open(folder / "report.html", width=1400, height=900)
-    for index, case in enumerate(("nominal", "machining")):
-        runs = [run for run in read_rollouts(folder / "rollouts.npz") if run.case == case]
-        worst = max(runs, key=lambda run: run.tip_error.max())
+    worst_button = "document.getElementById('worst')"
+    for key, case in (("1", "nominal"), ("2", "machining")):
+        worst = max((rollouts[case, policy] for policy in POLICIES), key=lambda run: run.tip_error.max())
         sample = int(worst.tip_error.argmax())
-        chromium.press(str(index + 1))
+        chromium.press(key)
         assert chromium.run(TIME) == f"{worst.time[sample]:.3f} s"
-        label = chromium.run("document.getElementById('worst').textContent")
-        assert label == f"Largest error: {worst.policy}, {1e3 * worst.tip_error[sample]:#.3g} mm"
-        chromium.press("Home")
-        assert chromium.run(TIME) == "0.001 s"
-        chromium.press("e")
-        assert chromium.run("state.sample") == sample
-        chromium.press("Home")
-        chromium.run("document.getElementById('worst').click()")
-        assert chromium.run("state.sample") == sample
+        said = f"Largest error: {worst.policy}, {1e3 * worst.tip_error[sample]:#.3g} mm"
+        assert chromium.run(f"{worst_button}.textContent") == said
+        for back in (lambda: chromium.press("e"), lambda: chromium.run(f"{worst_button}.click()")):
+            chromium.press("Home")
+            assert chromium.run(TIME) == "0.001 s"
+            back()
+            assert chromium.run("state.sample") == sample
     chromium.run("document.querySelectorAll('.chip input')[2].click()")  # the worst of those that are shown
-    assert "fuzzy-4-tip" not in chromium.run("document.getElementById('worst').textContent")
+    assert "fuzzy-4-tip" not in chromium.run(f"{worst_button}.textContent")
 
 
 def number(text):
@@ -190,17 +174,17 @@ def number(text):
 
 
 @pytest.mark.parametrize("sample", [0, 65, 699, 1499])
-def test_values_at_the_cursor_are_those_of_the_rollouts(chromium, early_folder, sample):
-    runs = read_rollouts(early_folder / "rollouts.npz")
-    chromium.open(early_folder / "report.html", width=1400, height=900)
+def test_values_at_the_cursor_are_those_of_the_rollouts(chromium, nasty_folder, sample):
+    runs = [run for run in read_rollouts(nasty_folder / "rollouts.npz") if run.case == "machining"]
+    chromium.open(nasty_folder / "report.html", width=1400, height=900)
+    chromium.press("2")
     chromium.run(f"goTo({sample})")
-    expected = [[1e3 * run.tip_error for run in runs], [1e3 * run.circularity_error for run in runs]]
-    expected += [[run.torque[:, joint] for run in runs] for joint in (0, 1)]
-    expected += [[1e3 * (run.q_motor - run.q_link)[:, joint] for run in runs] for joint in (0, 1)]
-    shown = chromium.run(
-        "[...document.querySelectorAll('.values')].map((list) => [...list.children].map((li) => li.innerText))"
-    )
-    for (time, *texts), signals in zip(shown, expected, strict=True):
+    expected = [
+        [1e3 * run.tip_error, 1e3 * run.circularity_error, *run.torque.T, *1e3 * (run.q_motor - run.q_link).T]
+        for run in runs
+    ]
+    lists = "[...document.querySelectorAll('.values')].map((list) => [...list.children].map((li) => li.innerText))"
+    for (time, *texts), *signals in zip(chromium.run(lists), *expected, strict=True):
         assert time == f"{runs[0].time[sample]:.3f} s"
         for text, signal in zip(texts, signals, strict=True):
             if sample >= len(signal):
@@ -211,13 +195,11 @@ def test_values_at_the_cursor_are_those_of_the_rollouts(chromium, early_folder, 
     assert chromium.problems == []
 
 
-def test_the_page_opens_with_the_best_four_in_the_hardest_case(chromium, many_folders):
-    chromium.open(many_folders[12] / "report.html")
+def test_the_page_opens_with_the_best_four_in_the_hardest_case(chromium, many_folder):
+    chromium.open(many_folder / "report.html")
     assert chromium.run("document.querySelector('[aria-selected=true]').textContent") == "Case 3: 5 kg payload"
-    ticked = (
-        "[...document.querySelectorAll('.chip')].filter((chip) => chip.control.checked).map((chip) => chip.innerText)"
-    )
-    assert chromium.run(ticked) == [COMPARED[k] for k in (3, 5, 6, 8)]
+    ticked = "[...document.querySelectorAll('.chip')].filter((chip) => chip.control.checked)"
+    assert chromium.run(f"{ticked}.map((chip) => chip.innerText)") == [COMPARED[k] for k in (3, 5, 6, 8)]
 
 
 # Text of a chart is cut at the edge of the chart, not at its own box; its `scrollWidth` depends on when it was drawn.
@@ -232,8 +214,8 @@ CLIPPED = """[...document.querySelectorAll(
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
-def test_no_value_is_clipped_with_twelve_policies(chromium, many_folders, width, height):
-    chromium.open(many_folders[12] / "report.html", width=width, height=height)
+def test_no_value_is_clipped_with_twelve_policies(chromium, many_folder, width, height):
+    chromium.open(many_folder / "report.html", width=width, height=height)
     chromium.run("document.querySelectorAll('.chip input').forEach((box) => box.checked || box.click())")
     for sample in (0, 10, 699, 1400):
         chromium.run(f"goTo({sample})")
@@ -242,6 +224,7 @@ def test_no_value_is_clipped_with_twelve_policies(chromium, many_folders, width,
     assert chromium.run("plots.every(({ canvas }) => canvas.clientHeight >= 120)")
 
 
-def test_the_page_is_short_on_a_phone(chromium, many_folders):
-    chromium.open(many_folders[9] / "report.html", width=390, height=844)
+@pytest.mark.parametrize("many_folder", [9], indirect=True)
+def test_the_page_is_short_on_a_phone(chromium, many_folder):
+    chromium.open(many_folder / "report.html", width=390, height=844)
     assert chromium.run("document.documentElement.scrollHeight") < 6000

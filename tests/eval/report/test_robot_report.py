@@ -1,18 +1,18 @@
 """The report of a robot: its chain and camera in the page are those of the package, and it is a page like any other."""
 
+import dataclasses
+
 import numpy as np
 import pytest
-from support.altered_evaluations import write
+from support.altered_evaluations import with_runs, write
 from support.rollouts import made_rollout
 
+from fuzzyarm import EvaluationConfig, robot_named
 from fuzzyarm.cli import main
 from fuzzyarm.envs.perspective import looking_at, poses_of
 from fuzzyarm.envs.physics.rigid_body import frames
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, row_of
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.report._payload import replay_data
 
 ROBOT = robot_named("ur5")
@@ -24,8 +24,8 @@ POLICIES = ("computed-torque", "elastic-observer")
 def rollout(case, policy, offset):
     """A run of the reference with the joints off by `offset` [rad], and bent; nothing is simulated."""
     time = 1e-3 * np.arange(1, round(1e3 * REFERENCE.duration) + 1)
-    sample, asked = REFERENCE.sample(time), REFERENCE.tip(time).position
-    q = sample.q + offset * np.sin(3.0 * time)[:, np.newaxis]
+    asked = REFERENCE.tip(time).position
+    q = REFERENCE.sample(time).q + offset * np.sin(3.0 * time)[:, np.newaxis]
     tip = frames(ROBOT, q).tip
     return made_rollout(
         time,
@@ -37,26 +37,16 @@ def rollout(case, policy, offset):
         tip_error=np.linalg.norm(tip - asked, axis=1),
         q_motor=q + 1e-3,
         q_link=q,
-        q_reference=sample.q,
-        **dict.fromkeys(("dq_motor", "dq_link", "dq_reference"), sample.dq),
-        torque=0.5 * ROBOT.drive("torque_limit") * np.cos(2.0 * time)[:, np.newaxis],
         external_force=30.0 * (case == "machining") * np.ones((len(time), 3)) * [1.0, 0.0, -1.0],
     )
 
 
 @pytest.fixture(scope="module")
-def robot_folder(tmp_path_factory):
+def robot_folder(evaluation, tmp_path_factory):
     runs = [rollout(case, policy, 1e-3 * (1 + k)) for case in CASES for k, policy in enumerate(POLICIES)]
-    evaluation = Evaluation(
-        EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT),
-        runs,
-        [row_of(run) for run in runs],
-        dict.fromkeys(POLICIES),
-        dict.fromkeys(POLICIES),
-        {"command": None, "date": "2026-01-01", **current_provenance(), "policy_files": {p: {} for p in POLICIES}},
-        dict.fromkeys(POLICIES),
-    )
-    folder = write(evaluation, tmp_path_factory.mktemp("robot") / "evaluation")
+    config = EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT)
+    made = dataclasses.replace(with_runs(evaluation, runs), config=config)
+    folder = write(made, tmp_path_factory.mktemp("robot"))
     assert main(["report", str(folder)]) == 0
     return folder
 
@@ -80,12 +70,10 @@ def test_the_data_are_those_of_the_robot_and_its_loads(robot_folder):
 
 def test_the_page_moves_the_robot_as_the_package_does(page):
     """Places of the joints, and where the camera sees them: scaled, (right, down) of `Camera` is [down, right] here."""
-    camera = looking_at(ROBOT, default_reference(ROBOT).tip(np.linspace(0.0, 1.0, 500)).position)
+    distance, axes, eye = (np.array(page.run(f"report.robot.{name}")) for name in ("distance", "axes", "eye"))
+    camera = looking_at(ROBOT, REFERENCE.tip(np.linspace(0.0, 1.0, 500)).position)._replace(axes=axes, eye=eye)
     for q in np.random.default_rng(0).uniform(-3.0, 3.0, (5, 6)):
         points = poses_of(ROBOT, q).points
         np.testing.assert_allclose(page.run(f"space.points({q.tolist()})"), points, atol=1e-12)
         seen = np.array(page.run(f"space.points({q.tolist()}).map(space.seen)"))
-        distance = page.run("report.robot.distance")
-        axes, eye = np.array(page.run("report.robot.axes")), np.array(page.run("report.robot.eye"))
-        own = camera._replace(axes=axes, eye=eye)
-        np.testing.assert_allclose(seen[:, ::-1], distance * own.pixels(points), atol=1e-9)
+        np.testing.assert_allclose(seen[:, ::-1], distance * camera.pixels(points), atol=1e-9)

@@ -1,18 +1,14 @@
 """The matrices of `fuzzyarm linearise` against `margins`, the nonlinear loop and the equations of the module."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.io
+from support.command_line import printed
 
-from fuzzyarm.cli import main
+from fuzzyarm import ArmParameters, load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.stability import _linearisation as linearisation
 from fuzzyarm.eval.stability.linear_models import linear_models
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.policies import load_policy
 
 ARM, PERIOD = ArmParameters(), 1e-3
 
@@ -20,7 +16,9 @@ ARM, PERIOD = ArmParameters(), 1e-3
 @pytest.mark.parametrize("name", ["computed-torque", "fuzzy-4", "elastic-observer"])
 def test_open_and_closed_loop_have_the_margins_of_the_table(name, monkeypatch):
     """Closing the open loop by hand gives the eigenvalues of the closed one, and the limits of its gain."""
-    monkeypatch.setattr(linearisation, "POSTURES", 1)  # where the path begins, as without a posture
+    monkeypatch.setattr(
+        "fuzzyarm.eval.stability._linearisation.POSTURES", 1
+    )  # where the path begins, as without a posture
     policy = load_policy(name)
     models, row = linear_models(policy, ARM, PERIOD), policy_margins(policy, ARM, PERIOD)
     A, B, C, _ = models.open_loop
@@ -28,12 +26,11 @@ def test_open_and_closed_loop_have_the_margins_of_the_table(name, monkeypatch):
     def radius(gain):
         return np.abs(np.linalg.eigvals(A - gain * B @ C)).max()
 
-    assert radius(1.0) == pytest.approx(row["spectral_radius"]["nominal"], rel=1e-9)
-    assert np.abs(np.linalg.eigvals(models.closed_loop.A)).max() == pytest.approx(radius(1.0), rel=1e-9)
+    closed = np.abs(np.linalg.eigvals(models.closed_loop.A)).max()
+    assert [radius(1.0), closed] == pytest.approx([row["spectral_radius"]["nominal"]] * 2, rel=1e-9)
     lower, upper = row["loop_gain"]["lower"], row["loop_gain"]["upper"]
-    assert (radius(1.001 * lower) < 1.0 <= radius(0.999 * lower)) and (
-        radius(0.999 * upper) < 1.0 <= radius(1.001 * upper)
-    )
+    assert radius(1.001 * lower) < 1.0 <= radius(0.999 * lower)
+    assert radius(0.999 * upper) < 1.0 <= radius(1.001 * upper)
 
 
 def test_limits_of_one_motor_are_crossings_of_its_frequency_response():
@@ -74,13 +71,10 @@ def test_the_closed_loop_predicts_the_nonlinear_one():
 
 
 def test_files_hold_the_same_matrices_and_no_date(tmp_path, capsys):
-    words = ["linearise", "fuzzy-1", "--at", "0.5,1.2", "--out"]
-    assert main([*words, str(tmp_path / "a")]) == 0
-    assert "stable from" in capsys.readouterr().out
-    assert main([*words, str(tmp_path / "b")]) == 0
-    files = {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()}
-    assert files == {path.name: path.read_bytes() for path in (tmp_path / "b").iterdir()}
-    assert set(files) == {"linear.npz", "linear.mat", "step.png", "bode.png"}
+    for name in "ab":
+        assert "stable from" in printed(capsys, "linearise", "fuzzy-1", "--at", "0.5,1.2", "--out", tmp_path / name)
+    files, again = ({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in "ab")
+    assert files == again and set(files) == {"linear.npz", "linear.mat", "step.png", "bode.png"}
     matlab = scipy.io.loadmat(tmp_path / "a/linear.mat")
     with np.load(tmp_path / "a/linear.npz") as arrays:
         for name in arrays:

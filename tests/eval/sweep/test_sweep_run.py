@@ -14,6 +14,7 @@ from pathlib import Path
 import cloudpickle
 import numpy as np
 import pytest
+from support.results import identical
 
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
@@ -23,13 +24,7 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.run import Sweep, _identity_of, _run_chunk
 from fuzzyarm.policies import resolve_all
 
-HERE = Path(__file__).parent
 CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
-
-
-@pytest.fixture(scope="module")
-def expected(tmp_path_factory):
-    return swept(tmp_path_factory.mktemp("expected"), Engine(jobs=1))
 
 
 def swept(folder, engine, progress=lambda: None, report=lambda text: None):
@@ -39,8 +34,9 @@ def swept(folder, engine, progress=lambda: None, report=lambda text: None):
     return sweep.results().arrays
 
 
-def equal(one, other):
-    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("expected"), Engine(jobs=1))
 
 
 def waiting(folder, config, policies, needed, number):
@@ -57,16 +53,14 @@ class Killer:
     """Kills the first worker that has handed in a chunk and is in the middle of its next."""
 
     def __init__(self, folder):
-        self.folder, self.killed = folder, None
+        self.folder = folder
         run._run_chunk = functools.partial(waiting, folder)
 
     def __call__(self):
-        while self.killed is None:
-            for path in self.folder.glob("*-again"):
-                self.killed = int(path.name.removesuffix("-again"))
-                os.kill(self.killed, signal.SIGKILL)
+        while not (self.folder / "killed").exists():
+            for path in [*self.folder.glob("*-again")][:1]:
+                os.kill(int(path.name.removesuffix("-again")), signal.SIGKILL)
                 (self.folder / "killed").touch()
-                break
             time.sleep(0.005)
 
     @property
@@ -78,7 +72,7 @@ class Killer:
 def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(run, "_run_chunk", _run_chunk)  # put back after the test
     killer, reports = Killer(tmp_path), []
-    assert equal(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
+    assert identical(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
     assert os.getpid() not in killer.processes and len(killer.processes) > 1
     assert len(reports) == 1
 
@@ -106,17 +100,16 @@ Path(sys.argv[1], "found.json").write_text(json.dumps(found | {"left": ray.is_in
 @pytest.mark.slow
 def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, expected):
     """In a process of its own: Ray does not wait for its processes, which warns."""
-    path = os.pathsep.join([str(HERE), *sys.path])  # Ray's workers get it too
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])  # Ray's workers get it too
     command, environment = [sys.executable, "-c", ON_RAY, str(tmp_path)], os.environ | {"PYTHONPATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""  # is for results
-    assert equal(Sweep.resume(tmp_path / "sweep").results().arrays, expected)
+    assert identical(Sweep.resume(tmp_path / "sweep").results().arrays, expected)
     found = json.loads((tmp_path / "found.json").read_text())
     assert len(found["workers"]) > 1 and found["own"] not in found["workers"]
     assert len(found["reports"]) == 1 and "a worker died" in found["reports"][0]
-    assert found["addresses"] == ["127.0.0.1"]  # nobody else can reach it
-    assert not found["left"]
+    assert found["addresses"] == ["127.0.0.1"] and not found["left"]  # nobody else can reach it
 
 
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
@@ -124,10 +117,8 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
         return _run_chunk(config, policies, needed | {"numpy": "1.0"}, number)
 
     monkeypatch.setattr(run, "_run_chunk", newer)
-    with pytest.raises(
-        ValueError,
-        match=r"versions of a worker differ from those of the process that runs the sweep \(numpy .* and 1\.0\)",
-    ):
+    said = r"versions of a worker differ from those of the process that runs the sweep \(numpy .* and 1\.0\)"
+    with pytest.raises(ValueError, match=said):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
 
@@ -173,18 +164,13 @@ def test_an_error_of_the_work_itself_is_raised(jobs):
     [
         ({"address": "auto"}, "--backend ray"),
         ({"backend": "ray", "address": "ray://host:10001"}, "auto or HOST:PORT"),
+        ({"backend": "ray", "address": "127.0.0.1:9"}, "cannot connect to a Ray cluster at '127.0.0.1:9'"),
     ],
 )
-def test_bad_values_are_named(arguments, expected):
-    with pytest.raises((TypeError, ValueError), match=expected):
-        Engine(**arguments)
-
-
-def test_a_cluster_that_is_not_there_is_named_before_ray_looks_for_it(monkeypatch):
-    """Ray itself would try for minutes."""
+def test_a_bad_address_is_named_before_ray_looks_for_it(monkeypatch, arguments, expected):
     monkeypatch.setattr("ray.init", lambda **_: pytest.fail("Ray was asked"))
-    with pytest.raises(ValueError, match=r"cannot connect to a Ray cluster at '127\.0\.0\.1:9'"):
-        list(Engine("ray", address="127.0.0.1:9").run(poison, [0]))
+    with pytest.raises((TypeError, ValueError), match=expected):
+        list(Engine(**arguments).run(poison, [0]))
 
 
 PUSHED = Case("pushed", "Case 4: pushed", Disturbance(tip_force=ConstantForce((0.0, 30.0))))
@@ -196,7 +182,6 @@ def loads(number):
 
 @pytest.fixture
 def pushed():
-    """The case, which is forgotten at the end."""
     add_case(PUSHED)
     yield
     CASES.pop("pushed", None)
@@ -224,7 +209,6 @@ def test_work_travels_with_what_was_added_by_name(pushed):
 
 
 def test_the_modules_that_work_refers_to_are_sent_to_a_cluster(tmp_path, monkeypatch):
-    """Those of a policy and of a case alike, not what every machine has, nor what is run."""
     (tmp_path / "pushes").mkdir()
     (tmp_path / "pushes" / "__init__.py").touch()
     (tmp_path / "pushes" / "side.py").write_text("class Side:\n    pass\n")

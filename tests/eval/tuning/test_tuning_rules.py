@@ -5,33 +5,24 @@ import math
 import numpy as np
 import pytest
 
+from fuzzyarm import ArmParameters, Engine, TipClaim, find_bound
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
-from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability._linearisation import LocalLoop
-from fuzzyarm.eval.tuning import _fuzzy_gains as fuzzy_gains
-from fuzzyarm.eval.tuning import _observer_search as observer_search
-from fuzzyarm.eval.tuning import _steps as steps
+from fuzzyarm.eval.tuning import _fuzzy_gains, _observer_search, _steps
 from fuzzyarm.eval.tuning._finding import force_factor, halving_radius, heaviest, periods_of
 from fuzzyarm.eval.tuning._fuzzy_gains import largest_deviation
 from fuzzyarm.eval.tuning._search import WORTH, Context, WeightSearch
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 
 PAPER = ArmParameters()
 
 
 def design(error, **changes):
-    measured = {
-        "case_1_joint_error_rms_mrad": error,
-        "gain_margin_upper": 4.1,
-        "gain_margin_upper_1_sample_later": 1.6,
-        "radius_worst_condition": 0.999,
-        "tip_deviation_mm": 1.0,
-    } | changes
-    return fuzzy_gains._Made(None, measured, fuzzy_gains._bears(measured, halving_radius(PAPER)))
+    measured = {"case_1_joint_error_rms_mrad": error, "radius_worst_condition": 0.999, "tip_deviation_mm": 1.0}
+    measured |= {"gain_margin_upper": 4.1, "gain_margin_upper_1_sample_later": 1.6} | changes
+    return _fuzzy_gains._Made(None, measured, _fuzzy_gains._bears(measured, halving_radius(PAPER)))
 
 
 def test_of_the_fuzzy_designs_with_the_smallest_error_that_bear_everything_the_smallest_bound_is_chosen():
@@ -45,12 +36,13 @@ def test_of_the_fuzzy_designs_with_the_smallest_error_that_bear_everything_the_s
         design(0.5049, tip_deviation_mm=0.9),
         design(0.5051, tip_deviation_mm=0.8),  # not within 1 %
     ]
-    assert not fuzzy_gains._equals_of(rows[:4])
-    assert fuzzy_gains._equals_of(rows[:6]) == [rows[5]]
-    assert "No other" in fuzzy_gains._equals_in_words([rows[5]])
-    equals = fuzzy_gains._equals_of(rows)
-    assert equals == [rows[6], rows[5]]
-    assert "2 designs" in (said := fuzzy_gains._equals_in_words(equals)) and "0.9 mm" in said and "1 mm" in said
+    assert not _fuzzy_gains._equals_of(rows[:4])
+    for some, equals, said in (
+        (rows[:6], [rows[5]], ["No other"]),
+        (rows, [rows[6], rows[5]], ["2 designs", "0.9 mm", "1 mm"]),
+    ):
+        assert _fuzzy_gains._equals_of(some) == equals
+        assert all(part in _fuzzy_gains._equals_in_words(equals) for part in said)
 
 
 def test_the_tips_deviation_is_reached_by_one_friction():
@@ -79,9 +71,9 @@ def test_the_tips_deviation_is_reached_by_one_friction():
 
 def test_the_grid_of_table_1_is_the_papers_and_scales_with_inertia_and_decay_rate():
     def gammas(arm, alpha):
-        return [point.gamma for point in fuzzy_gains._points_of(arm, alpha)[:: len(fuzzy_gains._POLES)]]
+        return [point.gamma for point in _fuzzy_gains._points_of(arm, alpha)[:: len(_fuzzy_gains._POLES)]]
 
-    papers = list(fuzzy_gains._GAMMAS)
+    papers = list(_fuzzy_gains._GAMMAS)
     assert gammas(PAPER, 20.0) == papers and gammas(PAPER, 10.0)[0] == pytest.approx(2 * papers[0])
     # A tenth of every mass, moment of inertia and rotor is a tenth of the inertia.
     tenth = ArmParameters(mass=(1.5, 0.9), inertia=(0.031, 0.019), motor_inertia=(0.271, 0.05))
@@ -89,12 +81,8 @@ def test_the_grid_of_table_1_is_the_papers_and_scales_with_inertia_and_decay_rat
 
 
 def loop(omega, error, upper=2.5, **radii):
-    return {
-        "bandwidth": omega,
-        "motor_error": error,
-        "loop_gain": {"upper": upper},
-        "spectral_radius": {"nominal": 0.99, "one sample later": 0.99} | radii,
-    }
+    radii = {"nominal": 0.99, "one sample later": 0.99} | radii
+    return {"bandwidth": omega, "motor_error": error, "loop_gain": {"upper": upper}, "spectral_radius": radii}
 
 
 def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
@@ -107,14 +95,13 @@ def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
         loop(60.0, 0.5),
         loop(50.0, 0.4),
     ]
-    assert steps._bandwidth_of(rows, halving_radius(PAPER)) is rows[-1]
-    assert steps._bandwidth_of(rows[:5], halving_radius(PAPER)) is None
+    assert _steps._bandwidth_of(rows, halving_radius(PAPER)) is rows[-1]
+    assert _steps._bandwidth_of(rows[:5], halving_radius(PAPER)) is None
 
 
 def searched(guess):
     """Search for the minimum of a bowl, which is 1, and return the best point, the first guess and the minimum."""
-    steps = []
-    minimum = np.log([0.02, 3.0])
+    steps, minimum = [], np.log([0.02, 3.0])
     search = WeightSearch(
         usual=None, guess=minimum + guess, weights_of=np.exp, box={"a": (1e-3, 1.0), "b": (0.1, 100.0)}, seed=1,
         unfit=math.inf, points=8, searches=2, evaluations=60, first_step=0.5,
@@ -125,26 +112,22 @@ def searched(guess):
     return *found, minimum
 
 
-def test_the_minimum_of_a_bowl_is_found():
+def test_the_minimum_of_a_bowl_is_found_and_the_first_guess_stays_where_nothing_is_better_by_a_share():
     best, guess, minimum = searched(1.0)
     assert guess.cost == pytest.approx(3.0) and best.cost == pytest.approx(1.0, abs=1e-4)
     assert best.logarithms == pytest.approx(minimum, abs=1e-2)
-
-
-@pytest.mark.parametrize(("gain", "stays"), [(0.9 * WORTH, True), (1.1 * WORTH, False)])
-def test_the_first_guess_stays_where_nothing_is_better_by_a_share(gain, stays):
-    best, guess, _ = searched(math.sqrt(gain / (1.0 - gain) / 2))
-    assert (best is guess) == stays
+    for gain, stays in ((0.9 * WORTH, True), (1.1 * WORTH, False)):
+        best, guess, _ = searched(math.sqrt(gain / (1.0 - gain) / 2))
+        assert (best is guess) == stays
 
 
 def test_table_1_is_tuned_under_the_papers_loads_and_another_arm_under_its_own():
     other = ArmParameters(length=(0.6, 0.45))
     assert (periods_of(PAPER), heaviest(PAPER), force_factor(PAPER)) == (1500, 5.0, 1.0)
-    assert observer_search._largest_allowed(PAPER) == 0.997
+    assert _observer_search._largest_allowed(PAPER) == 0.997
     assert halving_radius(PAPER) == 0.5 ** (1.0 / 1500.0)
-    loads = case_for("machining", other).disturbance.tip_force, case_for("payload", other).disturbance.payload
-    assert heaviest(other) == loads[1].mass != 5.0
-    assert force_factor(other) == loads[0].base / 138.0 != 1.0
+    assert heaviest(other) == case_for("payload", other).disturbance.payload.mass != 5.0
+    assert force_factor(other) == case_for("machining", other).disturbance.tip_force.base / 138.0 != 1.0
 
 
 def test_the_arm_of_a_bound_is_that_of_the_policy():

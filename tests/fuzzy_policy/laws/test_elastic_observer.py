@@ -1,10 +1,12 @@
 """The observer policy: linear model and gains against other computations, estimates against the arm, tip errors."""
 
 import dataclasses
+import itertools
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.plain import observer_law
 from support.randomisation import ROBUST
 from support.two_joints import hold
 
@@ -14,17 +16,13 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.fuzzy_policy.laws._elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws._gain_schedule import _GRID
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, SmoothObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    ObserverWeights,
-    _sampled_arm,
-    estimate_parts,
-    gain_tables,
-)
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, _sampled_arm, estimate_parts, gain_tables
 
 ARM = ArmParameters()
 SMOOTH = dataclasses.replace(ARM, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
@@ -40,25 +38,24 @@ LIGHT = ArmParameters(
     torque_limit=(60.0, 25.0),
 )
 PERIOD = 1e-3
-MEMORY_SIZE, STATE, LOAD = ElasticTarget(ARM, PERIOD).memory_size, estimate_parts(2).state, estimate_parts(2).load
+STATE, LOAD = estimate_parts(2).state, estimate_parts(2).load
 MEASURED = [0, 1, 4, 5]  # motor angles and velocities, of x
 WEIGHTS = ObserverWeights()
-NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
-NONE = ObserverWeights(link_angle=1e-6, link_velocity=1e-6, motor_torque=1e6)  # have no gains
+NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
+WITHOUT_GAINS = ObserverWeights(link_angle=1e-6, link_velocity=1e-6, motor_torque=1e6)
 POSTURE = np.array([0.4, 1.1])
 
 
 def stiffer(factor):
     """Table 1 with both joints `factor` times as stiff."""
-    return dataclasses.replace(ARM, stiffness=(factor * ARM.stiffness[0], factor * ARM.stiffness[1]))
+    return dataclasses.replace(ARM, stiffness=tuple(factor * np.array(ARM.stiffness)))
 
 
 def move(states, torque, force, parameters, substeps=5):
     """The compiled plant over a control period: states (lanes, 8), torque and tip force (lanes, 2)."""
-    moved = np.ascontiguousarray(np.transpose(states))
-    held = np.ascontiguousarray(np.transpose(np.hstack([force, np.zeros_like(force)])))
+    moved, held, u = (np.transpose(x).copy() for x in (states, np.hstack([force, np.zeros_like(force)]), torque))
     arm = np.repeat(np.array(flat(arm_constants(parameters)))[:, np.newaxis], len(states), axis=1)
-    hold(moved, np.ascontiguousarray(np.transpose(torque)), held, arm, PERIOD / substeps, substeps)
+    hold(moved, u, held, arm, PERIOD / substeps, substeps)
     return moved.T
 
 
@@ -68,35 +65,19 @@ def inertia_at(cos2, parameters):
     return np.array([[m11, m12], [m12, m22]])
 
 
-def interpolated(table, cos2):
-    """A gain at `cos2` from its table over `_GRID`."""
-    entries = table.reshape(len(_GRID), -1).T
-    return np.array([np.interp(cos2, _GRID, entry) for entry in entries]).reshape(table.shape[1:])
-
-
 def tip_errors(envs, policy):
-    """Tip errors [mm] of an episode's steps but the last, (steps, lanes)."""
-    (observation, _), state, errors, ended = envs.reset(seed=0), None, [], np.zeros(1, dtype=bool)
-    while not ended.any():
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, ended, info = envs.step(action)
-        assert not terminated.any()
-        errors.append(1e3 * info["tip_error"])
-    return np.array(errors[:-1])
+    """Tip errors [mm] of an episode, (steps, lanes)."""
+    steps = list(episodes(envs, policy, envs.reset(seed=0)))
+    assert steps[-1].completed.all()
+    return np.array([1e3 * step.info["tip_error"] for step in steps])
 
 
-@pytest.fixture(scope="module")
-def errors():
-    """Tip errors [mm] of an episode of each task, by name."""
+def test_tip_errors():
     tasks = {name: (case.disturbance, ARM) for name, case in CASES.items()}
-    tasks |= {"soft": (Disturbance(), stiffer(0.95)), "stiff": (Disturbance(), stiffer(1.05))}
-    tasks["noisy"] = (Disturbance(encoder_noise=NOISE), ARM)
+    tasks |= {"soft": (Disturbance(), stiffer(0.95)), "stiff": (Disturbance(), stiffer(1.05)), "noisy": (NOISY, ARM)}
     disturbances, arms = zip(*tasks.values(), strict=True)
     envs = gym.make_vec("FuzzyArm-v0", num_envs=len(tasks), disturbance=disturbances, parameters=arms)
-    return dict(zip(tasks, tip_errors(envs, ElasticObserverPolicy()).T, strict=True))
-
-
-def test_tip_errors(errors):
+    errors = dict(zip(tasks, tip_errors(envs, ElasticObserverPolicy()).T, strict=True))
     largest = {task: error.max() for task, error in errors.items()}
     assert largest["nominal"] < 0.01 and largest["noisy"] < 0.1
     assert 0.05 < largest["soft"] < 0.25 and 0.05 < largest["stiff"] < 0.25
@@ -138,9 +119,9 @@ def test_the_sampled_arm_is_the_slope_of_the_compiled_plant(cos2):
 
 def test_gains_are_the_limits_of_the_riccati_recursions():
     """Dynamic programming backwards for K, the Kalman filter forwards for L."""
-    parameters, limit, place = LIGHT, np.array(LIGHT.torque_limit), 2
-    _, feedback, observer = gain_tables(parameters, PERIOD, WEIGHTS)
-    A, B = _sampled_arm(parameters, PERIOD, inertia_at(_GRID[place], parameters))
+    limit, place = np.array(LIGHT.torque_limit), 2
+    _, feedback, observer = gain_tables(LIGHT, PERIOD, WEIGHTS)
+    A, B = _sampled_arm(LIGHT, PERIOD, inertia_at(_GRID[place], LIGHT))
     a, b, C = A[STATE, STATE], B[STATE], np.eye(10)[MEASURED]
     Q, R = np.zeros((8, 8)), np.diag(1 / limit**2)
     Q[2:4, 2:4], Q[6:8, 6:8] = np.eye(2) / WEIGHTS.link_angle**2, np.eye(2) / WEIGHTS.link_velocity**2
@@ -181,12 +162,10 @@ def test_the_hidden_link_side_is_found_on_the_moving_arm():
     env, policy = gym.make("FuzzyArm-v0"), ElasticObserverPolicy()
     _, info = env.reset()
     start = np.concatenate([info["q_motor"], info["q_link"] + [1e-3, -1e-3], np.zeros(4)])
-    (observation, _), state, wrong = env.reset(options={"initial_state": start}), None, []
-    for _ in range(1200):
-        action, state = policy.predict(observation, state)
-        observation, _, _, _, info = env.step(action)
-        plant = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
-        wrong.append(np.abs(policy.estimate(state)[0] - plant))
+    wrong = []
+    for step in itertools.islice(episodes(env, policy, env.reset(options={"initial_state": start})), 1200):
+        plant = np.concatenate([step.info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+        wrong.append(np.abs(policy.estimate(step.memory)[0] - plant))
     assert wrong[0][2:4].min() > 2e-4
     assert np.max(wrong[-1][:4]) < 1e-9 and np.max(wrong[-1][4:]) < 1e-7
 
@@ -202,32 +181,26 @@ def test_another_arm_and_another_period(parameters, period, limit):
 def test_the_law_in_plain_numpy():
     """Correct and act, with gains interpolated lane by lane; different noisy arms, some way into their episodes."""
     calm = dataclasses.replace(ROBUST, references=(JointReference(), JointReference(duration=2.0)))
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=64, disturbance=Disturbance(encoder_noise=NOISE), randomisation=calm)
-    (observations, _), policy, states = envs.reset(seed=0), ElasticObserverPolicy(), None
-    for _ in range(50):
-        action, states = policy.predict(observations, states)
-        observations, *_ = envs.step(action)
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=64, disturbance=NOISY, randomisation=calm)
+    policy = ElasticObserverPolicy()
+    *_, step = itertools.islice(episodes(envs, policy, envs.reset(seed=0)), 50)
+    observations, states = step.observation, step.memory
     target, expected = np.empty((len(states), 6)), np.empty((len(states), 2))
-    ElasticTarget(ARM, PERIOD).advance(observations, states[:, :MEMORY_SIZE].copy(), target, expected)
+    elastic = ElasticTarget(ARM, PERIOD)
+    elastic.advance(observations, states[:, : elastic.memory_size].copy(), target, expected)
     prediction = np.hstack(policy.estimate(states))
-    for o, t, x, u in zip(observations, target, prediction, expected, strict=True):
-        K, L = (interpolated(table, np.cos(o[1])) for table in (policy.feedback, policy.observer))
-        x = x + L @ (o[:4] - x[MEASURED])
-        wanted = np.concatenate([t[:2] - x[8:] / ARM.stiffness, o[4:6], t[2:4], o[6:8]])
-        u -= x[8:] + K @ (x[:8] - wanted)
-    limit = np.array(ARM.torque_limit)
+    lanes = zip(observations, prediction, target, expected, strict=True)
+    expected = np.array([observer_law(policy, *lane)[1] for lane in lanes])
+    limit, (torque, _) = np.array(ARM.torque_limit), policy.predict(observations, states)
     assert np.mean(np.abs(expected) < limit) > 0.9
-    np.testing.assert_allclose(
-        policy.predict(observations, states)[0], np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8
-    )
+    np.testing.assert_allclose(torque, np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8)
 
 
 def test_the_smooth_observer_predicts_without_stick_and_compensates_friction_by_the_reference():
     """From each memory: the torque of the observer of an arm without dry friction, and F(v) sign v; one estimate."""
     smooth, twin = SmoothObserverPolicy(), ElasticObserverPolicy().without_dry_friction()
-    envs = gym.make_vec(
-        "FuzzyArm-v0", num_envs=2, disturbance=[CASES["payload"].disturbance, CASES["nominal"].disturbance]
-    )
+    cases = [CASES[name].disturbance for name in ("payload", "nominal")]
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=2, disturbance=cases)
     (observation, _), state, seen = envs.reset(seed=0), None, 0
     for _ in range(700):
         own, after = smooth.predict(observation, state)
@@ -236,27 +209,20 @@ def test_the_smooth_observer_predicts_without_stick_and_compensates_friction_by_
         moving = np.abs(velocity) > 0.1  # there the bending does not turn the motors' direction
         friction = (4.0 + 2.0 * np.exp(-((velocity / 0.1) ** 2))) * np.array([1.0, 0.5]) * np.sign(velocity)
         np.testing.assert_allclose((own - other)[moving], friction[moving], atol=0.3)
-        np.testing.assert_allclose(
-            np.hstack(smooth.estimate(after)), np.hstack(twin.estimate(of_twin)), rtol=0, atol=1e-9
-        )
+        one, other = np.hstack(smooth.estimate(after)), np.hstack(twin.estimate(of_twin))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
         seen += moving.sum()
         (observation, *_), state = envs.step(own), after
     assert seen > 1000
 
 
-@pytest.mark.parametrize(
-    ("made", "message"),
-    [
+def test_what_is_out_of_range_is_refused():
+    for made, message in (
         (lambda: ObserverWeights(link_angle=0.0), r"ObserverWeights\.link_angle = .* allowed: \[1e-06, 1e\+06\]"),
         (lambda: ObserverWeights(encoder_angle=True), r"ObserverWeights\.encoder_angle = True"),
         (lambda: ComputedTorquePolicy(bandwidth=-1.0), "bandwidth = -1"),
         (lambda: ElasticObserverPolicy(control_period=0.2), r"control_period = .* allowed"),
-        (
-            lambda: ElasticObserverPolicy(weights=NONE),
-            r"no gains were found at cos q2 = .* for control_period = 0\.001 s",
-        ),
-    ],
-)
-def test_what_is_out_of_range_is_refused(made, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        made()
+        (lambda: ElasticObserverPolicy(weights=WITHOUT_GAINS), r"no gains .* cos q2 = .* control_period = 0\.001 s"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=message):
+            made()

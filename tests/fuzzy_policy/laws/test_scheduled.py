@@ -7,26 +7,30 @@ import numpy as np
 import pytest
 from support.plain import scheduled_torque
 
-from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm import (
+    ArmParameters,
+    EvaluationConfig,
+    Robot,
+    ScheduledSpecification,
+    design_scheduled,
+    evaluate,
+    load_policy,
+    robot_named,
+)
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled_controller import FUNCTIONS, Premise
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.proof.policy_certificate import certificate_of
-from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
-ROBOT = "planar-3r"
-N = 3
+ARM, N = robot_named("planar-3r"), 3
 
 
 @functools.cache
 def designed():
-    return design_scheduled(ScheduledSpecification(premises=()), robot_named(ROBOT)).controller
+    return design_scheduled(ScheduledSpecification(premises=()), ARM).controller
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +44,8 @@ def with_premises(*premises):
     """A controller of these premises with the gains of `designed` and rules that differ at random; not proven."""
     rng = np.random.default_rng(7)
     spread = rng.normal(scale=0.01, size=(2 ** len(premises), N, N))
-    return dataclasses.replace(
-        designed(),
-        premises=premises,
-        rates=np.ones(len(premises)),
-        inertia=designed().inertia + (spread + np.swapaxes(spread, 1, 2)),  # in this order it is symmetric exactly
-    )
+    inertia = designed().inertia + (spread + np.swapaxes(spread, 1, 2))  # in this order it is symmetric exactly
+    return dataclasses.replace(designed(), premises=premises, rates=np.ones(len(premises)), inertia=inertia)
 
 
 def observations(lanes, rng):
@@ -73,8 +73,7 @@ def test_the_policy_is_its_law(premises):
 
 @pytest.mark.slow
 def test_the_elastic_robot_follows_its_default_reference(file):
-    config = EvaluationConfig(policies=(str(file), f"{file}-tip"), cases=("nominal",), robot=robot_named(ROBOT))
-    outcome = evaluate(config)
+    outcome = evaluate(EvaluationConfig(policies=(str(file), f"{file}-tip"), cases=("nominal",), robot=ARM))
     plain = outcome.rollouts[0]
     assert outcome.complete and plain.control_period == 1e-3
     # The motors start off the reference by the bending under gravity; the error must decay and stay small.
@@ -84,26 +83,21 @@ def test_the_elastic_robot_follows_its_default_reference(file):
     assert tip_error < 1e-2 * plain_error
     claimed = {"alpha": designed().alpha, "gamma": designed().gamma, "controller_digest": designed().digest}
     assert outcome.bounds["p3-tip"] == outcome.bounds["p3"] == {"form": "semidefinite"} | claimed
-    for text in outcome.certificates.values():
-        assert text.startswith("For the rigid arm of 3 joints in continuous time")
+    assert all(text.startswith("For the rigid arm of 3 joints in cont") for text in outcome.certificates.values())
 
 
 def test_the_certificate_holds_for_every_reference(file):
-    reference = default_reference(robot_named(ROBOT))
-    policy = load_policy(file, robot=robot_named(ROBOT))
+    policy, reference = load_policy(file, robot=ARM), default_reference(ARM)
     assert isinstance(policy, ScheduledPolicy)
-    certificate = certificate_of(policy, reference)
+    certificate, tip = certificate_of(policy, reference), certificate_of(TipPolicy(policy), reference)
     assert certificate.any_reference and certificate.controller.digest == designed().digest
-    tip = certificate_of(TipPolicy(policy), reference)
     assert not tip.any_reference and "theta_d" in tip.text
 
 
-STIFF = 1.1 * robot_named(ROBOT).drive("stiffness")
+STIFFER = with_drives(ARM, stiffness=1.1 * ARM.drive("stiffness"))
 
 
-@pytest.mark.parametrize(
-    "robot", ["ur5", None, ArmParameters(mass=(1.0, 2.0)), with_drives(robot_named(ROBOT), stiffness=STIFF)]
-)
+@pytest.mark.parametrize("robot", ["ur5", None, ArmParameters(mass=(1.0, 2.0)), STIFFER])
 def test_another_robot_is_refused(file, robot):
     with pytest.raises(ControllerFileError, match=r"for the robot 'planar-3r' \(\w{12}\), not for '.+' \(\w{12}\)"):
         load_policy(file, robot=robot)
@@ -113,14 +107,13 @@ def test_a_file_that_is_not_proven_is_refused(tmp_path):
     forged = tmp_path / "forged.json"
     dataclasses.replace(designed(), alpha=2.0 * designed().alpha).save(forged)
     with pytest.raises(ControllerFileError, match=r"is not proven .* first: decay and gain"):
-        load_policy(forged, robot=ROBOT)
-    assert load_policy(forged, robot=ROBOT, allow_unproven=True).controller.alpha == 2.0 * designed().alpha
+        load_policy(forged, robot=ARM)
+    assert load_policy(forged, robot=ARM, allow_unproven=True).controller.alpha == 2.0 * designed().alpha
 
 
 def test_a_file_of_the_paper_arm_acts_on_the_paper_arm(tmp_path):
-    path, arm = tmp_path / "two.json", ArmParameters()
-    design_scheduled(ScheduledSpecification(premises=()), Robot.of(arm)).controller.save(path)
+    path = tmp_path / "two.json"
+    design_scheduled(ScheduledSpecification(premises=()), Robot.of(ArmParameters())).controller.save(path)
     observation = np.array([0.1, 0.2, 0.3, 0.4, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])  # without error: the feedforward alone
-    torque, _ = load_policy(path).predict(observation)
-    expected, _ = load_policy("computed-torque").predict(observation)
+    torque, expected = (load_policy(name).predict(observation)[0] for name in (path, "computed-torque"))
     np.testing.assert_allclose(torque, expected, rtol=1e-11)

@@ -39,8 +39,7 @@ def linear(seed=0, size=0.2):
 
 def lap_of(A, B, N, start):
     """Return the end of a lap of the linear system that begins anywhere in a set."""
-    columns = [A @ start.constants + B, A @ start.columns, N]
-    return end_of(np.hstack(columns))
+    return end_of(np.hstack([A @ start.constants + B, A @ start.columns, N]))
 
 
 @pytest.mark.parametrize(("narrow", "kept", "size"), [(1.0, 0, 0.2), (1e-6, 60, 0.1)])
@@ -49,11 +48,11 @@ def test_a_linear_system_stays_in_the_set_that_holds_its_own_end(narrow, kept, s
     monkeypatch.setattr(module, "_NARROW", narrow)
     monkeypatch.setattr(module, "_KEPT", kept)
     A, B, N, rng = linear(size=size)
-    point, deviations = end_of(np.hstack([B, N]))
+    end = end_of(np.hstack([B, N]))
     for _ in range(12):
-        held = LapSet.around(point, deviations)
-        point, deviations = lap_of(A, B, N, held)
-        if (filled := held.filled(point, deviations)) <= 1.0:
+        held = LapSet.around(*end)
+        end = lap_of(A, B, N, held)
+        if (filled := held.filled(*end)) <= 1.0:
             break
     assert 0.5 < filled <= 1.0
     for _ in range(3):
@@ -75,28 +74,25 @@ def inside(held, x):
 def test_what_is_said_to_lie_inside_does_and_what_leaves_is_refused(kept, monkeypatch):
     monkeypatch.setattr(module, "_KEPT", kept)
     _, B, N, rng = linear(3)
-    point, deviations = end_of(np.hstack([B, N]))
-    held = LapSet.around(point, deviations)
-    assert held.filled(point, deviations) <= 1.0
+    end = end_of(np.hstack([B, N]))
+    held = LapSet.around(*end)
+    assert held.filled(*end) <= 1.0
     for share in (0.9, 1.0):
-        corner = share * N @ rng.choice([-1.0, 1.0], N.shape[1])
-        assert inside(held, corner)
+        assert inside(held, share * N @ rng.choice([-1.0, 1.0], N.shape[1]))
+    far = 3.0 * np.abs(held.columns).sum(axis=1).max()
     # A wider end, one beside it, other constants, and sets that are none.
-    reach = np.abs(held.columns).sum(axis=1).max()
-    assert not held.filled(*end_of(np.hstack([B, 1.2 * N]))) <= 1.0
-    assert not held.filled(*end_of(np.hstack([B, N]), centre=3.0 * reach)) <= 1.0
-    assert not held.filled(*end_of(np.hstack([B + 3.0 * reach, N]))) <= 1.0
-    assert not held._replace(columns=0.0 * held.columns).filled(point, deviations) <= 1.0
-    assert not held._replace(memory=np.zeros(2)).filled(point, deviations) <= 1.0
+    ends = [(np.hstack([B, 1.2 * N]), 0.0), (np.hstack([B, N]), far), (np.hstack([B + far, N]), 0.0)]
+    assert not any(held.filled(*end_of(columns, centre)) <= 1.0 for columns, centre in ends)
+    for wrong in ({"columns": 0.0 * held.columns}, {"memory": np.zeros(2)}):
+        assert not held._replace(**wrong).filled(*end) <= 1.0
 
 
 BOX = StartBox(5e-4, (2e-5, 5e-5), 0.01, 0.01, 2e-5)
 
 
 def test_a_box_is_read_said_and_spanned(tmp_path):
-    (tmp_path / "box.toml").write_text(
-        "angle = 5e-4\nbending = [2e-5, 5e-5]\nvelocity = 0.01\nbending_velocity = 0.01\nmemory = 2e-5\n"
-    )
+    widths = "angle = 5e-4\nbending = [2e-5, 5e-5]\nvelocity = 0.01\nbending_velocity = 0.01\nmemory = 2e-5\n"
+    (tmp_path / "box.toml").write_text(widths)
     assert StartBox.of([str(tmp_path / "box.toml")]) == BOX
     assert StartBox.of(["5e-4", "2e-5", "0.01", "0.01", "2e-5"]) == dataclasses.replace(BOX, bending=2e-5)
     assert "angle ± 0.0005 rad, bending ± 2e-05 and 5e-05 rad, velocity ± 0.01 rad/s" in BOX.in_words()

@@ -5,11 +5,12 @@ import json
 import numpy as np
 import pytest
 from support.forged_bounds import checked
+from support.tip_errors import tip_errors
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
-from fuzzyarm.policies.tip_files import check_bound, save_bound
+from fuzzyarm.policies.tip_files import check_bound
 
 STEPS, MARGIN = 20, np.array([4.0, 2.0])
 NAME = "shield:fuzzy-4-tip:any:4,2"
@@ -21,29 +22,18 @@ def bound():
 
 
 def _errors(torques):
-    """Return the tip errors [m] of fuzzy-4-tip with torques (steps, 2) [N m] beside its own."""
-    env, policy, state = FuzzyArmEnv(), load_policy("fuzzy-4-tip"), None
-    observation, info = env.reset(seed=0)
-    found = []
-    for beside in torques:
-        torque, state = policy.predict(observation, state)
-        observation, *_, info = env.step(torque + beside)
-        found.append(info["tip_error"])
-    return np.array(found)
+    return tip_errors(FuzzyArmEnv(), load_policy("fuzzy-4-tip"), torques)
 
 
 @pytest.mark.slow
 def test_the_worst_guest_that_is_found_stays_within_the_bound_and_reaches_a_good_part_of_it(bound):
     """Each torque is of the sign that moves the last tip furthest, by finite differences."""
-    slopes = np.zeros((STEPS, 2))
-    push = np.ones((STEPS, 2)) * MARGIN
-    for k in range(STEPS):
-        for joint in range(2):
-            less = push.copy()
-            less[k, joint] = -MARGIN[joint]
-            slopes[k, joint] = _errors(push)[-1] - _errors(less)[-1]
-    worst = np.sign(slopes) * MARGIN
-    errors = _errors(worst)
+    slopes, push = np.zeros((STEPS, 2)), np.tile(MARGIN, (STEPS, 1))
+    for place in np.ndindex(STEPS, 2):
+        less = push.copy()
+        less[place] *= -1.0
+        slopes[place] = _errors(push)[-1] - _errors(less)[-1]
+    errors = _errors(np.sign(slopes) * MARGIN)
     assert (errors <= bound.tip).all()
     assert errors[-1] > 0.15 * bound.tip[-1]
     assert errors[-1] > 10.0 * find_bound(TipClaim("fuzzy-4-tip", steps=STEPS)).largest  # far above the law's own bound
@@ -54,18 +44,10 @@ def test_the_claim_is_about_every_guest_and_says_so(bound):
     assert "whatever a guest adds to the torques within ± (4.0, 2.0) N m" in bound.to_text()
 
 
-def test_a_file_for_a_wider_margin_or_another_law_is_refused(bound, tmp_path):
-    assert checked(bound, tmp_path / "true.json").proven
-    save_bound(bound, tmp_path / "forged.json")
-    content = json.loads((tmp_path / "forged.json").read_text())
-    content["policy"] = "shield:fuzzy-4-tip:any:4,2.1"
-    (tmp_path / "forged.json").write_text(json.dumps(content))
-    assert "may leave the claimed tube" in check_bound(tmp_path / "forged.json").reason
-
-
-def test_a_narrow_tube_without_a_guest_does_not_prove_a_shield(tmp_path):
-    save_bound(find_bound(TipClaim("fuzzy-4-tip", steps=3)), tmp_path / "bound.json")
-    content = json.loads((tmp_path / "bound.json").read_text())
-    content["policy"] = NAME
-    (tmp_path / "bound.json").write_text(json.dumps(content))
-    assert not check_bound(tmp_path / "bound.json").proven
+def test_a_file_for_a_wider_margin_or_without_a_guest_is_refused(bound, tmp_path):
+    path, alone = tmp_path / "bound.json", find_bound(TipClaim("fuzzy-4-tip", steps=3))
+    for true, policy in ((bound, "shield:fuzzy-4-tip:any:4,2.1"), (alone, NAME)):
+        assert checked(true, path).proven
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"policy": policy}))
+        found = check_bound(path)
+        assert not found.proven and "may leave the claimed tube" in found.reason

@@ -6,7 +6,7 @@ gains, recorded along the paper's path without load or noise, at the nearest pos
     (x, F) ← (x, F) + L (y - (θ, θ̇)).
 
 F includes the force along the path, in the direction of travel at that posture. Unlike the adapting loop, this loop is
-linear at a posture. With adaptation the policy tolerates more, as long as the motion excites it.
+linear at a posture.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _TENTH = 0.1  # share of the path left out at each end, where the motors stick
 
 
 class FrozenObserver(LawPolicy):
-    """The frozen loop; see the module's docstring."""
+    """The adaptive observer without adaptation; see the module's docstring."""
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Use the gains of `policy` along the paper's path, and predict with an arm without dry friction."""
@@ -56,7 +56,7 @@ class FrozenObserver(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The law with recorded gains; its memory is a `Memory`."""
         physics, settings = equations_of(self.parameters), self._settings
 
         def frozen(m: Memory, seen: Observation, _: Any, *tables: Any) -> tuple[Memory, Any]:
@@ -94,7 +94,7 @@ def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.nd
 
 
 def _follow(physics: Physics, m: Memory, seen: Observation, s: Settings, postures: Any, gains: Any) -> Any:
-    """Correct with the gains at the nearest posture, act and predict; return the torque (n,) [N m]."""
+    """Correct m with the gains at the nearest posture, act and predict; return the torque (n,) [N m]."""
     joints, states, forces, room = physics.joints, 4 * physics.joints, len(s.reopening), Scratch(physics, s)
     torque, nearest, one = array(joints), array(2), room.one
     take_in(m, room, seen)

@@ -15,8 +15,8 @@ F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload for which t
     min_{m ≥ 0} Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
 
 A force that represents a payload varies with the tip's acceleration, as does a force estimated with a wrong payload. In
-later passes the force varies too little to determine the payload. A negative payload, which the filter allows because
-links may be lighter than modelled, could also explain a pass, but a regulator scheduled by it loses a heavier arm.
+later passes the force varies too little to determine the payload. A regulator scheduled by a negative payload, which
+the filter allows because links may be lighter than modelled, loses a heavier arm.
 
 A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
 position; payload, constants and delay keep their learned values. The next pass starts with nothing learned.
@@ -56,7 +56,7 @@ _TOGETHER = 16  # lanes that are smoothed at a time, which limits the memory for
 
 @dataclasses.dataclass
 class PassState:
-    """The learner's state between two samples, for one arm or several lanes."""
+    """The state of `AdaptivePasses` between two samples, for one arm or several lanes."""
 
     memory: np.ndarray  # memory of the policy, (lanes, memory_size)
     # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first pass
@@ -123,7 +123,7 @@ class AdaptivePasses(PassLearner):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return the beliefs after the last sample, lane by lane; the force includes the expected force."""
+        """Return the `Beliefs` after the last sample, lane by lane; the force includes the expected force."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -143,7 +143,7 @@ class AdaptivePasses(PassLearner):
         return np.asarray(P * factor[:, :, np.newaxis] * factor[:, np.newaxis, :]).reshape(len(P), -1)
 
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the expected force (samples, lanes, axes) and the payload (lanes,) for these lanes' next pass."""
+        """Return the expected force (samples, lanes, axes) [N] and payload (lanes,) [kg] for these lanes' next pass."""
         memory, before = state.memory[lanes], state.passes[lanes]
         smoother, payload = _Smoother(self.policy), memory[:, self._payload].copy()
         force = smoother.force(state, lanes, memory)
@@ -177,7 +177,7 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
 
 
 def _lines(force: np.ndarray) -> np.ndarray:
-    """Return the force lines (samples, lanes, 2 axes) from each sample to the next; the last line is constant."""
+    """Return force lines, mean and change to the next sample, (samples, lanes, 2 axes); the last change is zero."""
     later = np.concatenate([force[1:], force[-1:]])
     return np.concatenate([0.5 * (force + later), later - force], axis=2)
 
@@ -193,7 +193,7 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
 
 
 class _Notes(NamedTuple):
-    """Data that the forward pass stores per sample, for n joints and N entries of z, which begins with (x, f)."""
+    """Data that the smoother's forward pass stores per sample; n joints, N entries of z, which begins with (x, f)."""
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)
@@ -204,7 +204,7 @@ class _Notes(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """A sample: measurements and their variances, force lines to the next sample, and commanded torques [N m]."""
+    """A sample for the smoother: measurements, their variances, force lines to the next sample, and commands [N m]."""
 
     measured: Any  # θ and θ̇ (2 n,)
     variances: Any  # (2 n,)
@@ -225,7 +225,7 @@ class _Smoother:
         λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
 
     where h selects the quantity in (x, f), ν is its innovation with variance s, P_y its column of P, and f⁻ and P⁻ are
-    the filter's values before the sample. Unlike the Rauch-Tung-Striebel recursion, this inverts no covariance.
+    the filter's values before the sample.
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
@@ -242,7 +242,7 @@ class _Smoother:
         self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
 
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
+        """Return the low-passed tip force [N] (samples, lanes, axes) that explains the measurements of some lanes.
 
         Constants, payload and delay come from a memory (lanes, memory_size); `lanes` selects the lanes of the state.
         """
@@ -268,7 +268,7 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return memories (lanes, size) before the first sample, whose measurements are `measured` (lanes, 2 n)."""
+        """Return filter memories (lanes, size) before the first sample, which measures `measured` (lanes, 2 n)."""
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
         memory[:, FLAG.calm], z = 0.0, memory[:, at.z]

@@ -6,12 +6,12 @@ The load consists of a force f_t along the reference's tip velocity, a free forc
 k, β, φ, μ and ι are factors, one for each joint, on stiffness, damping, dry friction, link mass and inertia, and motor
 inertia. w is a torque added to each motor's torque, and d the delay from a command to the motors, in control periods.
 
-The equations of the arm are computed from a vector a that is affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0). For
-the two-joint arm, a contains the constants of its equations. For a robot, whose constants are not affine in its masses,
-a contains the entries of the `Plant`, then a mass at the tip [kg].
+The equations of the arm are computed from a vector a that is affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0), a_0
+and p_0 for the known, unloaded arm. For the two-joint arm, a contains its equations' constants. For a robot, whose
+constants are not affine in its masses, a contains the entries of the `Plant`, then a mass at the tip [kg].
 
 `AdaptiveWeights` contains the prior uncertainty of p and the cost of errors: torques relative to the arm's
-`torque_limit`, joint by joint, and forces relative to `unit_force`, so that the same weights fit arms of another size.
+`torque_limit`, joint by joint, and forces relative to `unit_force`.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def mass_of(arm: AnyArm) -> float:
 
 
 class _Belief(NamedTuple):
-    """The parts of p, or their slices in an array; the forces come first, the delay last."""
+    """The parts of the estimated parameters p, or slices of an array; the forces come first, the delay last."""
 
     travel_force: Any  # f_t [N]
     force: Any  # F [N], (axes,)
@@ -123,12 +123,12 @@ FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")  # the p
 
 @functools.cache
 def belief_of(physics: Physics) -> _Belief:
-    """Return the slices of the parts of p for arms with these equations."""
+    """Return the slices of the parts of p in an array, for arms with these equations."""
     return _Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
 
 
 class _Prior(NamedTuple):
-    """The prior of p; each part is an array (size of p,)."""
+    """The prior of the estimated parameters p; each part is an array (size of p,)."""
 
     guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins
@@ -138,7 +138,7 @@ class _Prior(NamedTuple):
 
 
 def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
-    """Return the prior for an arm."""
+    """Return the prior of the estimated parameters p for an arm."""
     w, limit, mass, unit = weights, per_joint_of(arm, "torque_limit"), mass_of(arm), unit_force(arm)
     first, force, torque = w.first_force * unit, 4.0 * unit, 0.2 * limit
     parts = _Belief(  # p_0, deviation, walk, lowest, highest; a negative payload: links lighter than modelled
@@ -162,7 +162,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
 
 
 def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
-    """Return the vector a (k,) of an arm with a payload [kg] and, keyed by `FACTORS`, factors (n,) on its constants."""
+    """Return the vector a (k,) of an arm's constants with a payload [kg] and factors (n,) by the names `FACTORS`."""
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
     drawn["dry_friction"] = drawn.pop("friction")
@@ -173,7 +173,7 @@ def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndar
 
 
 def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
-    """Return a_0 (k,) of the known arm, and S (k, size of p)."""
+    """Return a_0 (k,) and S (k, size of p): the arm's constants for p are a_0 + S (p - p_0)."""
     base, belief = _numbers_of(arm), belief_of(equations_of(arm))
     slopes = np.zeros((len(base), belief.lateness.stop))
     slopes[:, belief.payload] = (_numbers_of(arm, 1.0) - base)[:, np.newaxis]
@@ -185,7 +185,7 @@ def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ArmFunctions:
-    """Functions of the vector a (k,) of an arm with these equations, n joints, and a tip in a plane or in space."""
+    """Functions of the vector a (k,) of an arm's constants, for n joints and a tip in a plane or in space."""
 
     def __init__(self, physics: Physics) -> None:
         self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
@@ -196,18 +196,18 @@ class ArmFunctions:
         self._drives = [flat(drive) for drive in drives]  # indices of each joint's entries
 
     def constants_in(self, numbers: Any) -> Any:
-        """Return the constants of the equations for the vector a."""
+        """Return the constants of the arm's equations for the vector a, `numbers`."""
         given, count = list(numbers), size(self._record)
         known = filled(self._record, given[:count])
         return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
 
     def drive(self, numbers: Any, joint: int) -> Drives:
-        """Return the parameters of the motor and the spring of one joint."""
+        """Return the parameters of a joint's motor and spring for the vector a, `numbers`."""
         found: Drives = filled(Drives, (numbers[k] for k in self._drives[joint]))
         return found
 
     def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
-        """Advance copies of the arm (4 n, copies) over a control step under torques [N m] and force lines [N]."""
+        """Advance states (4 n, copies) by `substeps` of h [s] under torques [N m], force lines [N], see `Scratch`."""
         physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))
@@ -236,7 +236,7 @@ class ArmFunctions:
 
 
 class _Flags(NamedTuple):
-    """The scalars of a memory, or their indices."""
+    """The scalars in a filter's memory, or their indices."""
 
     samples: Any  # number of samples so far, up to 1e6
     surprise: Any  # mean of ν²/s over the last samples; about 1 if the filter is right
@@ -250,7 +250,7 @@ FLAG = _Flags(*range(len(_Flags._fields)))  # indices of the flags
 
 
 class Memory(NamedTuple):
-    """The parts of a lane's memory as arrays, zeros when an episode begins; n joints, N entries of z = (x, p)."""
+    """The parts of a filter's memory as arrays, zeros when an episode begins; n joints, N entries of z = (x, p)."""
 
     flags: Any  # see `_Flags`
     z: Any  # prediction for this sample, (N,)
@@ -263,7 +263,7 @@ class Memory(NamedTuple):
 
 
 def places(physics: Physics) -> Memory:
-    """Return the memory with a placeholder (`Cells`) for the array of each part."""
+    """Return a `Memory` with a placeholder (`Cells`) for the array of each part."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
     lists = (LONGEST_DELAY + 2, joints), (KEPT, 3, joints), (3, joints)
@@ -271,5 +271,5 @@ def places(physics: Physics) -> Memory:
 
 
 def layout(physics: Physics) -> Memory:
-    """Return the parts as slices of a lane's memory."""
+    """Return the slices of the parts of a `Memory` in a lane's array."""
     return Memory(*consecutive(*(part.size for part in places(physics))))

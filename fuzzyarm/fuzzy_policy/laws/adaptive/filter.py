@@ -12,9 +12,8 @@ functions are recorded and work in place on one lane's arrays, which determine t
     λ = max(0, 1 - a/ν²)
 
 of a correction, where a is a multiple of the noise variance: samples that sensor noise alone can explain do not change
-the constants. Without this dead zone the estimated stiffness drifts with the noise, because the noise in the estimated
-bending correlates with the noise in the innovation. The covariance is updated as in the partial update of Schmidt's
-filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
+the constants. Without this dead zone the estimated stiffness drifts with the noise. The covariance is updated as in the
+partial update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
 The forces drift little while only noise corrects them. With c_k the correction of the forces by sample k, in N, and
 means over about the last ten samples,
@@ -22,13 +21,12 @@ means over about the last ten samples,
     s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
 Corrections by noise have random directions, so that s is about 0.05. Corrections by a moving force have one direction,
-and s goes to 1, however small they are. The ratio needs no variance of any sensor. Calm rises slowly and falls
-immediately. The random walk of the forces is scaled by (1 - calm) + `calm_walk` calm. When calm falls, the variance of
-the forces also grows by `reopening` seconds of walk, as it would have grown without calm.
+and s goes to 1. Calm rises slowly and falls immediately. The random walk of the forces is scaled by
+(1 - calm) + `calm_walk` calm. When calm falls, their variance also grows by `reopening` seconds of walk.
 
-A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, with w = `torque_doubt` and the largest
+A motor's torque may be wrong by the fraction w (Δu/u_max)² of its limit u_max, with w = `torque_doubt` and the largest
 jump Δu of the commands on their way to the motors. A wrong torque constant or delay acts through such jumps, and its
-effect on the motors would be mistaken for a load and answered by a larger jump.
+effect on the motors would be mistaken for a load.
 
 A filter may converge to a wrong delay. If the innovations are larger than it expects, the variance of the delay grows:
 a sample with a mean ν²/s of 1 + a adds `_LATENESS_DOUBT` a, up to the initial variance. The same holds for a factor
@@ -99,10 +97,10 @@ _TINY = 1e-300
 
 
 class Settings:
-    """The constants of the law, as arrays and scalars; n joints, N entries of z."""
+    """The constants of filter and law; n joints, N entries of the estimate z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
-        """Set up for the known arm, T [s] and K, with a row for each payload and point (payloads · points, n · 4 n)."""
+        """Set up for the known arm, T [s] and `feedback`, the regulator's gains of `regulator.feedback_table`."""
         belief, p = believed.belief_of(equations_of(arm)), believed.prior(arm, weights)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
@@ -149,7 +147,7 @@ class Settings:
         return self.substep * self.substeps
 
     def replaced(self, **parts: Any) -> Settings:
-        """Return the settings with `parts` replaced."""
+        """Return a copy with the attributes `parts` replaced."""
         other = copy.copy(self)
         vars(other).update(parts)
         return other
@@ -161,7 +159,7 @@ class Settings:
         return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
 
     def with_tables(self, tables: Any) -> Settings:
-        """Return the settings with the arrays replaced by `tables`, in the same order."""
+        """Return a copy with the arrays replaced by `tables`, in the same order."""
         names = [name for name, part in vars(self).items() if isinstance(part, np.ndarray)]
         return self.replaced(**dict(zip(names, tables, strict=True)))
 
@@ -176,7 +174,7 @@ class _Copies(NamedTuple):
 
 
 class Scratch:
-    """Intermediate results for one lane; n joints, N entries of z, and a tip in a plane or in space.
+    """Intermediate results of filter and law for one lane; n joints, N entries of z, and a tip in a plane or in space.
 
     A force line has a row for each axis of the mean force, then a row for each axis of its change.
     """
@@ -221,7 +219,7 @@ class Scratch:
 
 
 def correct(m: Memory, s: Settings, room: Scratch, seen: Observation) -> None:
-    """Correct z and P by a sample, and fill `acted`; a diverged filter does not change."""
+    """Correct the estimate z and its covariance P by a sample, and fill `acted`; a diverged filter does not change."""
     for i in each(len(room.acted)):  # also for a diverged filter, so that every entry is defined
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -243,7 +241,7 @@ def correct(m: Memory, s: Settings, room: Scratch, seen: Observation) -> None:
 
 
 def take_in(m: Memory, room: Scratch, seen: Observation) -> None:
-    """Store the measurements and the reference of a sample, and count it."""
+    """Store the measurements and the reference of a sample, and count the sample."""
     joints = len(m.noise)
     for j in range(joints):
         room.measured[j], room.measured[joints + j] = seen.q_motor[j], seen.dq_motor[j]
@@ -309,7 +307,7 @@ def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
 
     Without noise, e is 0 for a torque that is constant between two samples, and e hardly changes if the loop vibrates:
     a vibration at ω caused by the commands appears as about (ωT)³/12 of its amplitude or less. σ² is the mean over all
-    samples from the third on (the first change of e), until the share of a sample has fallen to `_NOISE_SHARE`.
+    samples from the third on (the first change of e), until the weight `share` has fallen to `_NOISE_SHARE`.
 
     σ² determines the variances of the measurements and the dead zone.
     """
@@ -330,7 +328,7 @@ def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def update(m: Memory, s: Settings, room: Scratch) -> Any:
-    """Correct z and P by the measured angles and velocities; return the mean of ν²/(P_yy + r)."""
+    """Correct z and P by the measurements; return the mean squared innovation relative to its expected variance."""
     z, P, joints, surprise = m.z, m.P, len(room.measured) // 2, array(1)
     surprise[0] = 0.0
     for half in range(2):
@@ -355,7 +353,7 @@ def update(m: Memory, s: Settings, room: Scratch) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Increase the variances of the delay and the common factor for a sample with mean ν²/s = 1 + `surprise`."""
+    """Increase the variances of delay and common factor if the result of `update` exceeds 1 by `surprise`."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
     m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
@@ -370,7 +368,7 @@ def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
 
 
 def _note_moves(m: Memory, s: Settings, before: Any) -> None:
-    """Update `calm` and the variances of the forces after a correction; `before` (forces,) are the old forces."""
+    """Update `calm` and the variances of the forces after a correction of the forces `before` (forces,)."""
     first, forces = len(m.z) - len(s.guess), len(before)
     for i in each(forces):
         m.moves[i] += _SHARE * (m.z[first + i] - before[i] - m.moves[i])
@@ -388,7 +386,7 @@ def _note_moves(m: Memory, s: Settings, before: Any) -> None:
 
 
 def _confine(m: Memory, s: Settings) -> None:
-    """Clip p to its range, and adjust the rest of z according to the covariance."""
+    """Clip the parameters p to their ranges, and adjust the other entries of z according to the covariance."""
     first = len(m.z) - len(s.low)
     for j in each(len(s.low)):
         at = first + j
@@ -424,7 +422,7 @@ def _finite(m: Memory) -> Any:
 
 
 def _significant(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill `room.acted` with z, but with x_a and l_a in place of x and l."""
+    """Fill `room.acted` with z, but its load reduced to l_a and its state x to x_a, see the module's docstring."""
     joints, loads, acted, ratio = len(m.noise), len(s.reopening) + 1, room.acted, array(1)
     states, deviation, factor = 4 * joints, array(loads), array(loads, loads)  # P_ll⁻¹ (l - l_0), and L of P_ll = L Lᵀ
     ratio[0] = 0.0
@@ -513,7 +511,7 @@ def predict(m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
 
 
 def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
-    """Fill `numbers` with a = a_0 + S (p - p_0), the vector of the arm for p."""
+    """Fill `numbers` with a = a_0 + S (p - p_0), the arm's constants for p."""
     for i in each(len(s.base)):
         numbers[i] = s.base[i]
         for j in each(len(p)):
@@ -536,7 +534,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return the command [N m] at an index, by selection, so that no array index depends on data."""
+    """Return the command [N m] to a joint at index `place`, by selection: no array index depends on data."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -544,7 +542,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 
 
 def fill(copies: _Copies, z: Any, room: Scratch) -> None:
-    """Fill state, vector a and forces of copies of the arm from z, but not their torques."""
+    """Fill states and forces of copies of the arm from z, and vector a from `room`, but not the torques."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
         for i in each(states):
@@ -560,7 +558,7 @@ def fill(copies: _Copies, z: Any, room: Scratch) -> None:
 def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_slope: Any) -> None:
     """Fill the copies: first the estimate, then each entry of z a step ahead, then each motor velocity a step behind.
 
-    The step of a motor velocity is its standard deviation, because the slope at a sticking joint is zero nearby.
+    A motor velocity's step is its standard deviation, because a sticking joint would not respond to a small step.
     `torque` (n,) [N m] is the torque of the motors, `torque_slope` (n,) its derivative with respect to the delay.
     """
     state, torques, force, numbers = room.copies
@@ -590,7 +588,7 @@ def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_sl
 
 
 def _step(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill F from the copies after a control period, and advance z and P."""
+    """Fill F, the derivative of x by z over a period, from the advanced copies, and advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):

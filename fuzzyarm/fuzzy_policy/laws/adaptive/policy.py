@@ -9,11 +9,8 @@ the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the re
 d control periods ahead, when the command reaches the motors: x is advanced by the pending commands, x_d by its
 derivatives. K is a linear quadratic regulator, scheduled over posture and payload, see `regulator`.
 
-The estimated payload is not a measurement: the filter divides a load between masses and forces.
-
 If the filter diverges, `Beliefs.diverged` is set, and `Policy.act` uses the law `fallback` from then on. The same holds
-if the commands oscillate (`AdaptiveWeights.largest_swing`): motors much stronger or more delayed than estimated make
-the loop unstable before the filter detects it.
+if the commands oscillate (`AdaptiveWeights.largest_swing`).
 """
 
 from __future__ import annotations
@@ -100,13 +97,13 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Evaluate the law like `act`, but with a part of the tip force that is known beforehand, see `Scratch`."""
+        """Evaluate the law like `act`, but with a part `known` of the tip force [N], see `Scratch`."""
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The law; its memory is a `Memory`, then the memory of `fallback`."""
         behind = self._behind
         given = behind.constants, tuple(map(float, self.fallback.torque_limit))
         held = places(equations_of(self.arm)), behind.memory
@@ -148,7 +145,7 @@ class AdaptiveObserverPolicy(LawPolicy):
 
     @functools.cached_property
     def _behind(self) -> Law:
-        """The law that acts where the filter has diverged."""
+        """The law of `fallback`, which acts where the filter has diverged."""
         found = law_of(self.fallback)
         if found is None:
             raise ValueError(
@@ -166,11 +163,11 @@ class AdaptiveObserverPolicy(LawPolicy):
         return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return the beliefs at the next sample, from a state (..., memory_size) returned by `predict`."""
+        """Return the `Beliefs` at the next sample, from a state (..., memory_size) returned by `predict`."""
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:
-        """Return the beliefs at the next sample, from the filter's part (..., size) of a state."""
+        """Return the `Beliefs` at the next sample, from the filter's part `own` (..., size) of a state."""
         part, belief, states = self.memory, self.belief, 4 * self.joints
         forces = belief.force.stop
         shape, size = own.shape[:-1], part.z.stop - part.z.start

@@ -9,8 +9,8 @@ a mean, and the loop may be unstable in part of the range, even with a known sta
 with a factor s ≥ 1 weaken the feedback and the need for a soft start. s is the smallest of `SOFTENINGS` for which the
 loop with a known state is stable at random postures, for the modelled joint stiffness and for 20 % less and more.
 
-An episode begins with a share of K. With the full K, motors stronger or more delayed than modelled would oscillate
-until the filter adapts, and control of the arm can be lost in these tens of milliseconds.
+An episode begins with a fraction of K. With the full K, motors stronger or more delayed than modelled would
+oscillate until the filter adapts.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
 
 
 def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
-    """Return the largest |λ| per control period at random postures; inf if a Riccati equation has no solution."""
+    """Return the sampled loop's largest |eigenvalue| at random postures; inf if a Riccati equation has no solution."""
     places, joints = places_of(robot, control_period), len(robot)
     gains = feedback_gain(robot, control_period, designed_for(robot, places), weights)
     laws = (LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0))) for K in gains)
@@ -72,7 +72,7 @@ def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeight
 
 @functools.lru_cache(maxsize=8)
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
-    """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], with the points grouped by payload."""
+    """Return the regulator K (payloads · points, n · 4 n) [N m/rad, N m s/rad], with the points grouped by payload."""
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
         found = feedback_gain(arm, control_period, loaded_inertia(arm, schedule, float(mass)), weights)
@@ -83,7 +83,7 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
 
 
 def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
-    """Fill K (n, 4 n), interpolated at angles q (n,) [rad] and a payload relative to the links' mass."""
+    """Fill `gain` with K (n, 4 n), interpolated at angles q (n,) [rad] and a payload relative to the links' mass."""
     place = minimum(maximum(payload / _HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
     lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # nan gives a row of the table, too
     low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / _PAYLOADS
@@ -99,7 +99,7 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
 
 
 def _gain_share(m: Memory, s: Settings) -> Any:
-    """Return the share of K at this sample: `first_gain` in the soft start, then growing to 1 in the same time.
+    """Return the factor on K at this sample: `first_gain` in the soft start, then growing to 1 in the same time.
 
     It is 1 immediately if an earlier pass has learned the strength and delay of the motors.
     """
@@ -109,7 +109,7 @@ def _gain_share(m: Memory, s: Settings) -> Any:
 
 
 def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
-    """Fill the unclipped torque (n,) [N m] for z, nan if the filter has diverged, and the data for `predict`.
+    """Fill the unclipped torque (n,) [N m] for the estimate z, nan if the filter has diverged, and prepare `predict`.
 
     The caller may then replace the clipped torque ``m.commands[0]`` (n,) [N m] by the torque commanded instead.
     """
@@ -122,7 +122,7 @@ def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill the vector a, the directions of travel, their force lines, and τ_d of the references."""
+    """Fill in `room` the arm's vector a, the directions of travel, their force lines, and τ_d of the references."""
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
@@ -166,7 +166,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
-    """Fill the torque for the time at which it reaches the motors."""
+    """Fill `torque` (n,) [N m], the law for the time at which it reaches the motors, and store it clipped."""
     joints, period = len(m.noise), s.period
     p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
     lateness = p[len(p) - 1]
@@ -193,7 +193,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None
 
 
 def _target(m: Memory, room: Scratch, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
-    """Return θ_d, θ̇_d, θ̈_d, u_ff without dry friction, `back` samples ago with the current p; see `elastic_target`."""
+    """Return the `motor_target` of a joint for the reference `back` samples ago, with the current p."""
     q, dq, ddq = (m.references[back, order, joint] for order in range(3))
     torques = [room.link_torque[back + k, joint] for k in range(4)]
     return motor_target(torques, q, dq, ddq, drive, period)

@@ -72,7 +72,7 @@ def is_observer(folder: Path) -> bool:
 def read_bundle(
     folder: Path, schema: str, kind: type, build: Callable[[Any, dict[str, np.ndarray], Any], _Bundle]
 ) -> _Bundle:
-    """Read a bundle; return the result of `build` for its description, arrays by name, and fields of `Trained`.
+    """Read a bundle; return `build` of its description of type `kind`, arrays by name, and fields of `Trained`.
 
     BundleError if a file is missing, too large, damaged or of another schema, if the digest of the weights differs, if
     an array is not in single precision, or if the parts do not fit together.
@@ -144,7 +144,7 @@ def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> A
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trained:
-    """The origin of a learned policy, for the reader."""
+    """The origin of a learned policy: its training run."""
 
     training: dict[str, Any] = dataclasses.field(default_factory=dict)  # settings of the training run
     seed: int = 0  # of the training run
@@ -153,7 +153,7 @@ class Trained:
 
     @property
     def _record(self) -> dict[str, Any]:
-        """The part of ``policy.json`` with these fields; `write_folder` fills in the digest."""
+        """The entries of ``policy.json`` for these fields and the digest, which `write_folder` fills in."""
         own = {"training": self.training, "seed": self.seed, "versions": self.versions}
         return {**own, "weights_sha256": "", "curve": self.curve}
 

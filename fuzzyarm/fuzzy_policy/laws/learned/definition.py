@@ -55,7 +55,7 @@ class FeatureDefinition:
 
     @property
     def past_excesses(self) -> int:
-        """Number of past excess torques."""
+        """Number of past excess torques of each joint in the features."""
         return self.past_actions if self.elastic_target else 0
 
 
@@ -64,7 +64,7 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0``; `history` adds past errors and actions, and (if > 0) an integral."""
+    """Return the features of ``FuzzyArmLearn-v0``; with `history` past errors and actions and, if > 0, an integral."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
@@ -73,7 +73,7 @@ class ActionDefinition:
     """The meaning of an action a in [-1, 1]ⁿ: the torque u = `scale` · a, or with a base a shift of the base's target.
 
     A base receives q_a - `scale` · a as the motor angles, so that it moves the motors to its target plus `scale` · a.
-    A torque added to the base's torque would have no lasting effect: the base's integral would cancel it like a load.
+    A torque added to the base's torque would have no lasting effect: the base's integral would cancel it.
     """
 
     # one value per joint, for a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
@@ -95,7 +95,7 @@ class ActionDefinition:
 
     @property
     def smoothing(self) -> float:
-        """The factor λ of the low-pass."""
+        """The factor λ of the low-pass of actions, 0 for none."""
         period, time = float(self.period), float(self.smoothing_time)
         return math.exp(-period / time) if time > 0.0 else 0.0
 

@@ -9,12 +9,12 @@ with s(x) = asinh(x)/c, which is linear for small errors and compresses large on
     x_(k+1) = (x_k + T e_k) exp(-T/τ).
 
 With an elastic target the errors are e = θ_d - q_a, ė = θ̇_d - q̇_a, where θ_d are the target angles of the unloaded
-arm's motors (`fuzzy_policy.laws._elastic_target`), and f_k ends with the torques in excess of what that arm needs,
+arm's motors (`fuzzy_policy.laws._elastic_target`), and f_k ends with the torques in excess of that arm's u_ff,
 
     (..., w_(k-1)/U, ..., w_(k-m)/U),    w_k = u_k - u_ff,k,
 
 where u_k is the last torque commanded before instant k + 1. When an episode begins, all past errors, actions and excess
-torques and the integral x are zero. A training run and the shipped policy use the same code.
+torques and the integral x are zero.
 """
 
 from __future__ import annotations
@@ -83,14 +83,14 @@ class Features:
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
     def told(self, memory: _Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
-        """Return the elastic target's next memory, u_ff [N m], and the motors' reference."""
+        """Return the elastic target's next memory, u_ff (n,) [N m], and the reference of the motors."""
         if self._target is None:
             return memory.target, memory.feedforward, Aim(*seen[2:])
         past, aim, feedforward = self._target.of(memory.target, seen, self._target.constants)
         return past, feedforward, aim
 
     def fill(self, memory: _Remembered, seen: Observation, aim: Aim, out: Any = None) -> Any:
-        """Return the current features as an array (size,): `out`, or a new one; `told` returns `aim`."""
+        """Return the features in an array (size,), `out` or a new one, for the motors' reference `aim`."""
         d, out = self.definition, array(self.size) if out is None else out
         errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
         rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
@@ -105,7 +105,7 @@ class Features:
         return out
 
     def advance(self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any) -> _Remembered:
-        """Return the next memory for an observation, `told` from the method `told`, and an action (n,) in [-1, 1]."""
+        """Return the next memory for an observation, the result of the method `told`, and an action (n,) in [-1, 1]."""
         past, feedforward, aim = told
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
@@ -119,7 +119,7 @@ class Features:
         )
 
     def command(self, memory: _Remembered, torque: Any) -> _Remembered:
-        """Return the memory with its newest excess set from `torque` (n,) [N m], which is not clipped yet."""
+        """Return the memory with its newest excess torque, clipped `torque` (n,) [N m] minus u_ff."""
         if not memory.excess:
             return memory
         parts = zip(torque, self._limit, memory.feedforward, strict=True)
@@ -138,9 +138,9 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
 
 
 def guided(base: Policy | None, name: str | None = None, *, beside: bool = False) -> Law:
-    """Return the law ``act(memory, seen, told, constants, *tables)`` of a base with a target shifted by actions.
+    """Return the law ``act(memory, seen, told, constants, *tables)`` of a base policy whose target actions shift.
 
-    `told` is scale · a (n,). Without a base it is the torque; if `beside` is true, it is added to the base's torque
+    `told` is scale · a (n,). Without a base, it is the torque; if `beside` is true, it is added to the base's torque
     instead. ValueError if the base called `name` has no law.
     """
     if base is None:
@@ -196,7 +196,7 @@ class FeatureLanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Advance both memories by an action (lanes, n); `torque` (lanes, n) is scale · a, then the torque [N m]."""
+        """Advance both memories by actions a (lanes, n); replace scale · a in `torque` (lanes, n) by torques [N m]."""
         self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 

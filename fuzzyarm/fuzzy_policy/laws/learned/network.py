@@ -6,8 +6,7 @@ where s is tanh or max(x, 0), and o is tanh or clips to ±1. PPO trains a Gaussi
 layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean as its action, so it is deterministic.
 
 tanh, the logistic function and asinh are computed from +, -, *, / and the square root, which IEEE 754 rounds correctly,
-and not by the C library, whose last digits differ between machines. A policy then gives the same values everywhere,
-including in exported C.
+and not by the C library, whose last digits differ between machines. A policy then gives the same values everywhere.
 
 A recurrent network has a long short-term memory (`cell`) in front of these layers, as in torch and
 stable-baselines3-contrib. The output h of the cell is then h_0. With the normalised features
@@ -178,7 +177,7 @@ _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is r
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Network:
-    """Normaliser and layers; shapes and values are checked."""
+    """Normaliser, layers and recurrent cell of a network; shapes and values are checked."""
 
     mean: np.ndarray  # (inputs,) of the features
     std: np.ndarray  # (inputs,) of the features, positive
@@ -200,7 +199,7 @@ class Network:
                 f"the network has {len(self.weights)} weight matrices and {len(self.biases)} bias vectors; needed: one "
                 f"of each for every layer, and 1 to {_MOST_LAYERS} layers"
             )
-        if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
+        if not 1 <= min(self.sizes) <= max(self.sizes) <= _LARGEST_LAYER:
             raise ValueError(f"the layers have the widths {self.sizes}; allowed: 1 to {_LARGEST_LAYER} each")
         inputs, *widths = self.sizes
         for name in ("mean", "std"):

@@ -47,7 +47,7 @@ class LearnedPolicy(LawPolicy):
         self.calls_per_action = bundle.action.calls(control_period)
         if (base is None) != (bundle.action.base is None):
             given = "none" if base is None else type(base).__name__
-            raise ValueError(f"this policy was trained with base = {bundle.action.base}, but base = {given} was given")
+            raise ValueError(f"base = {given} is not the base with which this policy was trained: {bundle.action.base}")
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base has control_period = {base.control_period} s; needed: {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
@@ -61,7 +61,7 @@ class LearnedPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the class's docstring."""
+        """The network, with its base if it has one, as a law; its memory is a `_Memory`."""
         features, network, base = self._features, self.bundle.network, guided(self.base, self.bundle.action.base)
         own, still = len(base.tables), (0.0,) * self.joints
         held = _Memory(0.0, still, features.memory, base.memory, network.memory)
@@ -87,7 +87,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """The memory of a lane: calls since the last action (0: the next is due), that action, memories of the parts."""
+    """A lane's memory: calls since the last action (0: next is due), that action, and features', base's, network's."""
 
     phase: Any
     action: Any

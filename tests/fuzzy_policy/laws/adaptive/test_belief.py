@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fuzzyarm import ArmParameters, robot_named
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.equations import equations_of, two_joints
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights, affine_numbers, belief_of, prior, unit_force
 
@@ -25,38 +24,33 @@ FIELDS = {
 
 
 def test_constants_of_any_belief_are_those_of_the_arm_with_these_factors_and_payload():
-    rng = np.random.default_rng(0)
-    base, slopes = affine_numbers(ARM)
-    for _ in range(20):
-        p = PRIOR.guess.copy()
-        p[BELIEF.payload] = rng.uniform(0.0, 10.0)
-        changes = {}
+    rng, (base, slopes) = np.random.default_rng(0), affine_numbers(ARM)
+    for payload in rng.uniform(0.0, 10.0, 20):
+        p, changes = PRIOR.guess.copy(), {}
+        p[BELIEF.payload] = payload
         for name, fields in FIELDS.items():
             factors = p[getattr(BELIEF, name)] = rng.uniform(0.7, 1.4, 2)
-            for field in fields:
-                changes[field] = tuple(np.array(getattr(ARM, field)) * factors)
-        expected = arm_constants(dataclasses.replace(ARM, **changes), Payload(float(p[BELIEF.payload][0])))
+            changes |= {field: tuple(np.array(getattr(ARM, field)) * factors) for field in fields}
+        expected = arm_constants(dataclasses.replace(ARM, **changes), Payload(payload))
         np.testing.assert_allclose(base + slopes @ (p - PRIOR.guess), flat(expected), rtol=1e-12)
 
 
 def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_and_payload():
     physics, rng = equations_of(ROBOT), np.random.default_rng(1)
-    belief, (base, slopes), p = belief_of(physics), affine_numbers(ROBOT), prior(ROBOT, AdaptiveWeights()).guess
+    belief, (base, slopes), guess = belief_of(physics), affine_numbers(ROBOT), prior(ROBOT, AdaptiveWeights()).guess
+    p, changes = guess.copy(), {}
     p[belief.payload] = 1.5
-    factors = {name: rng.uniform(0.7, 1.4, 3) for name in FIELDS}
-    for name, values in factors.items():
-        p[getattr(belief, name)] = values
-    friction = {name: factors["friction"] * ROBOT.drive(name) for name in FIELDS["friction"]}
-    own = ("stiffness", "damping", "motor_inertia")
-    robot = with_drives(ROBOT, **{name: factors[name] * ROBOT.drive(name) for name in own}, **friction)
-    joints = []
-    for joint, factor in zip(robot.joints, factors["mass"].tolist(), strict=True):
+    for name, fields in FIELDS.items():
+        factors = p[getattr(belief, name)] = rng.uniform(0.7, 1.4, 3)
+        if name != "mass":
+            changes |= {field: factors * ROBOT.drive(field) for field in fields}
+    robot, joints = with_drives(ROBOT, **changes), []
+    for joint, factor in zip(robot.joints, p[belief.mass].tolist(), strict=True):
         inertia = tuple(map(tuple, (factor * np.array(joint.link.inertia)).tolist()))
         link = dataclasses.replace(joint.link, mass=factor * joint.link.mass, inertia=inertia)
         joints.append(dataclasses.replace(joint, link=link))
-    robot = dataclasses.replace(robot, joints=tuple(joints))
-    expected = [*physics.plant_of(robot), 1.5]
-    np.testing.assert_allclose(base + slopes @ (p - prior(ROBOT, AdaptiveWeights()).guess), expected, rtol=1e-12)
+    expected = [*physics.plant_of(dataclasses.replace(robot, joints=tuple(joints))), 1.5]
+    np.testing.assert_allclose(base + slopes @ (p - guess), expected, rtol=1e-12)
 
 
 def test_the_first_guess_is_allowed_and_weights_out_of_range_are_refused_by_name():

@@ -7,31 +7,30 @@ import os
 import numpy as np
 import pytest
 from safetensors.numpy import save
-from support.bundles import answering, bundle, edited, resealed
+from scipy.special import expit
+from support.bundles import answering, bundle, edited, estimate_network, resealed, robot_bundle
+from support.policies import answers
+from support.results import identical
 
+from fuzzyarm import ArmParameters, load_policy, robot_named
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import _LARGEST_DESCRIPTION as LARGEST
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.rnn import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
-
-@pytest.fixture
-def folder(tmp_path):
-    """A folder with a whole bundle."""
-    bundle().save(tmp_path / "mine")
-    return tmp_path / "mine"
+HIDDEN, ROBOT = 3, robot_named("planar-3r")
+ROBOTS_ENTRY = {"name": ROBOT.name, "digest": ROBOT.digest}
 
 
-def test_a_bundle_comes_back_bit_for_bit(folder):
-    first, second = bundle(), PolicyBundle.load(folder)
+def test_a_bundle_comes_back_bit_for_bit(tmp_path):
+    first, folder = bundle(), tmp_path / "mine"
+    first.save(folder)
+    second = PolicyBundle.load(folder)
     for name in ("features", "action", "training", "seed", "curve", "versions"):
         assert getattr(first, name) == getattr(second, name)
-    assert first.network.clip == second.network.clip
-    for name in ("mean", "std"):
-        assert getattr(first.network, name).tobytes() == getattr(second.network, name).tobytes()
-    for name in ("weights", "biases"):
-        for one, other in zip(getattr(first.network, name), getattr(second.network, name), strict=True):
-            assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+    for name in ("clip", "mean", "std", "weights", "biases"):
+        assert identical(getattr(first.network, name), getattr(second.network, name))
     assert sorted(path.name for path in folder.iterdir()) == ["policy.json", "weights.safetensors"]
     assert json.loads((folder / "policy.json").read_text())["network"]["activation"] == "tanh"
 
@@ -67,13 +66,35 @@ DAMAGES = (
     (resealed(save({"w": np.zeros(3, np.float32)})), r"has the arrays \(w\); needed"),
     (resealed(b"\x80\x04."), "weights.safetensors is damaged"),
 )
+DAMAGES_OF_A_ROBOTS = (  # a bundle for planar-3r
+    (edited(arm="gone"), "arm is missing; only a policy for the two-joint arm"),
+    (edited("features", joints=2), "features.joints = 2, but action.scale is for 3 joint"),
+    (edited("features", joints=13), "joints = 13 is out of range"),
+    (edited("arm", digest=7), r"at `arm.digest`"),
+    (edited("arm", more=7), "unknown field more"),
+    (edited("action", scale=[1.0] * 13), "number of scales = 13"),
+)
 
 
-@pytest.mark.parametrize(("damage", "message"), DAMAGES, ids=[message for _, message in DAMAGES])
-def test_a_damaged_or_foreign_bundle_is_refused_in_one_line(folder, damage, message):
-    damage(folder)
+DAMAGES_OF_AN_OBSERVERS = (
+    (edited(schema="fuzzyarm-learned-observer/3"), "fuzzyarm reads 'fuzzyarm-learned-observer/4'; train"),
+    (resealed(X=np.zeros(3, np.float32)), "needed: A, B, C"),
+    (resealed(A=np.zeros((7, 3), np.float32)), r"the arrays A \(.*\) and V \(.*\) fit no arm"),
+    (resealed(D=np.full((2, 26), np.nan, np.float32)), "D"),
+    (edited(parameters={"mass": [-1.0, 2.0]}), "mass"),
+    (edited(control_period=5.0), "control_period"),
+    (edited(arm=ROBOTS_ENTRY), "exactly one of the entries 'parameters' and 'arm' must be given"),
+)
+OBSERVER = EstimateBundle(estimate_network(), ArmParameters(), 1e-3)
+BUNDLES = ((bundle(), DAMAGES), (robot_bundle(ROBOT), DAMAGES_OF_A_ROBOTS), (OBSERVER, DAMAGES_OF_AN_OBSERVERS))
+
+
+@pytest.mark.parametrize(("made", "damage", "message"), [(made, *one) for made, damages in BUNDLES for one in damages])
+def test_a_damaged_or_foreign_bundle_is_refused_in_one_line(tmp_path, made, damage, message):
+    made.save(tmp_path / "mine")
+    damage(tmp_path / "mine")
     with pytest.raises(BundleError, match=message) as caught:
-        PolicyBundle.load(folder)
+        load_policy(tmp_path / "mine", robot=ROBOT)
     assert str(caught.value).isprintable() and len(str(caught.value)) < 700
 
 
@@ -94,21 +115,19 @@ def test_the_layers_are_those_of_the_equation(activation, hidden, output, last, 
     assert ("output" in named) == (output == "tanh")  # bundles of PPO have the bytes that they always had
 
 
-def test_saving_replaces_a_bundle_and_nothing_else(folder, tmp_path):
-    bundle(seed=1).save(folder)
-    assert PolicyBundle.load(folder).network.weights[0][0, 0] == bundle(seed=1).network.weights[0][0, 0]
+def test_saving_replaces_a_bundle_and_nothing_else(tmp_path):
+    for made in (bundle(), bundle(seed=1)):
+        made.save(tmp_path / "mine")
+        assert PolicyBundle.load(tmp_path / "mine").network.weights[0][0, 0] == made.network.weights[0][0, 0]
     (tmp_path / "papers").mkdir()
     with pytest.raises(ValueError, match="exists and is not a policy bundle"):
         bundle().save(tmp_path / "papers")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "papers"]
 
 
-HIDDEN = 3
-
-
-def recurrent(seed=0):
+def recurrent():
     """A bundle with a random cell in front of two layers."""
-    rng, made = np.random.default_rng(seed), bundle()
+    rng, made = np.random.default_rng(0), bundle()
     inputs = made.features.size
 
     def random(*shape):
@@ -123,12 +142,8 @@ def oracle(network, features, h, m):
     """One lane of the network as the textbook has it; returns action, h and m."""
     x, cell = np.clip((features - network.mean) / network.std, -network.clip, network.clip), network.cell
     i, r, g, o = np.split(cell.weight_x @ x + cell.weight_h @ h + cell.bias, 4)
-
-    def sigma(a):
-        return 1.0 / (1.0 + np.exp(-a))
-
-    m = sigma(r) * m + sigma(i) * np.tanh(g)
-    h = sigma(o) * np.tanh(m)
+    m = expit(r) * m + expit(i) * np.tanh(g)
+    h = expit(o) * np.tanh(m)
     y = np.tanh(network.weights[0] @ h + network.biases[0])
     return np.clip(network.weights[1] @ y + network.biases[1], -1.0, 1.0), h, m
 
@@ -137,40 +152,34 @@ def test_a_recurrent_network_is_the_textbooks_memory_before_the_layers_and_has_n
     made = recurrent()
     with pytest.raises(ValueError, match="a recurrent network cannot be saved"):
         made.save(tmp_path / "policy")
-    network = made.network
+    network, memory = made.network, np.zeros((2, 2 * HIDDEN))
     assert network.sizes == (made.features.size, HIDDEN, 5, 2)
-    rng, memory, answer = np.random.default_rng(1), np.zeros((2, 2 * HIDDEN)), answering(network)
-    expected = [(np.zeros(HIDDEN), np.zeros(HIDDEN))] * 2
+    rng, expected, answer = np.random.default_rng(1), memory.copy(), answering(network)
     for _ in range(4):
         features = rng.normal(size=(2, network.sizes[0]))
         action = answer(features, memory)
-        found = [oracle(made.network, row, *past) for row, past in zip(features, expected, strict=True)]
-        np.testing.assert_allclose(action, [a for a, _, _ in found], rtol=1e-12, atol=1e-13)
-        expected = [(h, m) for _, h, m in found]
-    np.testing.assert_allclose(memory, [np.concatenate(pair) for pair in expected], rtol=1e-12, atol=1e-13)
+        for lane in range(2):
+            wanted, *past = oracle(network, features[lane], *np.split(expected[lane], 2))
+            expected[lane] = np.concatenate(past)
+            np.testing.assert_allclose(action[lane], wanted, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(memory, expected, rtol=1e-12, atol=1e-13)
     assert np.ptp(action) > 0.05
 
 
 def test_every_lane_has_a_memory_of_its_own_which_begins_with_its_episode():
-    policy, rng = LearnedPolicy(recurrent(), 2e-3), np.random.default_rng(2)
-    shown = 0.3 * rng.normal(size=(6, 3, 10))
-    state, alone = None, None
-    for k, observation in enumerate(shown):
-        torque, state = policy.predict(observation, state, np.array([False, k == 3, False]))
-        if k >= 3:
-            single, alone = policy.predict(observation[1], alone)
-            assert np.array_equal(single, torque[1]) and np.array_equal(alone, state[1])
+    policy, shown = LearnedPolicy(recurrent(), 2e-3), 0.3 * np.random.default_rng(2).normal(size=(6, 3, 10))
+    starts = np.zeros((6, 3), dtype=bool)
+    starts[3, 1] = True
+    (torque, state), (single, alone) = answers(policy, shown, starts), answers(policy, shown[3:, 1])
+    assert np.array_equal(single, torque[3:, 1]) and np.array_equal(alone, state[1])
     assert not np.array_equal(state[0], state[1])
 
 
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
+def test_a_cell_of_other_shapes_is_refused():
+    for shapes, message in (
         (((12, 4), (12, 4), (12,)), "weight_x has shape"),
         (((12, 4), (12,), (12,)), "weight_h has 1 dimension"),
         (((0, 4), (0, 0), (0,)), "0 columns; allowed: 1 to 1024"),
-    ],
-)
-def test_a_cell_of_other_shapes_is_refused(shapes, message):
-    with pytest.raises(ValueError, match=message):
-        Cell(*(np.zeros(shape) for shape in shapes))
+    ):
+        with pytest.raises(ValueError, match=message):
+            Cell(*map(np.zeros, shapes))

@@ -8,11 +8,10 @@ u_a of `adaptive.policy`, m and g of `rnn`, and the output ρ of the network,
     predict   (x̂, d̂)⁻ and the filter's prediction under the clipped u.
 
 At rest m = 0, and without a load g is close to 0: the elastic observer then acts alone, in a loop that is locally
-stable despite unknown delays and wrong loop gains. In motion under a load the adaptive observer takes over, since it
-identifies loads within milliseconds. Both observers know the applied torque. u_a is clipped to four times the torque
-limits; u = u_o where the adaptive filter has diverged or the commands swing from limit to limit
-(`AdaptiveWeights.largest_swing`). z, c and the torques R are those of `signals`. The network was trained by regression
-on a teacher that knows plant, load and delay, see `fuzzyarm.rl_baselines.estimate`.
+stable despite unknown delays and wrong loop gains. In motion under a load the adaptive observer takes over.
+u_a is clipped to four times the torque limits; u = u_o where the adaptive filter has diverged or the commands swing
+from limit to limit (`AdaptiveWeights.largest_swing`). z, c and the torques R are those of `signals`. The network was
+trained by regression on a teacher that knows plant, load and delay, see `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ _FARTHEST = 4.0  # bound on u_a, in torque limits: a filter that is about to div
 
 
 class _SeenParts(NamedTuple):
-    """The slices of z, c and u_b [N m] in the result of `LearnedObserverPolicy.observe`."""
+    """The slices of the network's inputs z and c and of u_b [N m] in the result of `LearnedObserverPolicy.observe`."""
 
     z: slice
     c: slice
@@ -58,7 +57,7 @@ class _SeenParts(NamedTuple):
 
 
 class _EstimateMemory(NamedTuple):
-    """The memory of a lane: the elastic observer's memory, the last ρ, the adaptive observer's filter, and h."""
+    """A lane's memory: the elastic observer's, the network's last output ρ, the adaptive filter's, the network's h."""
 
     observer: Observed
     residual: Any
@@ -67,7 +66,7 @@ class _EstimateMemory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """The law of the module's docstring; its memory contains the memories of both laws, the last ρ, and h."""
+    """Elastic and adaptive observer with a network, see the module's docstring; its memory is an `_EstimateMemory`."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
@@ -113,12 +112,12 @@ class LearnedObserverPolicy(LawPolicy):
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 
     def observe(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, seen: np.ndarray) -> None:
-        """Evaluate the law like `act`, and fill `seen` (lanes, size of `_SeenParts`) with the network's inputs."""
+        """Evaluate the law like `act`, and fill `seen` (lanes, size) with the network's inputs, see `_SeenParts`."""
         self._observing((memory, observation, torque, seen), self._constants, self.control_law.tables)
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """Both observers and the network as a law; its memory is a `_EstimateMemory`."""
         act = self._act_of()
 
         def alone(
@@ -150,7 +149,7 @@ class LearnedObserverPolicy(LawPolicy):
         return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
     def _act_of(self) -> Any:
-        """Return the law that also returns z, c and u_b [N m]."""
+        """Return the law as a function that returns (memory, torque, z, c, u_b), torques in N m."""
         arm, settings, joints, physics = self.parameters, self.adaptive.settings, self.joints, self.elastic.where[0]
         correct, act, predict = steps_of(*self.elastic.where)
         units, turns, limit = signals.units_of(arm), signals.turns_of(arm), self.torque_limit.tolist()

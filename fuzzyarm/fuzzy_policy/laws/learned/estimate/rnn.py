@@ -9,8 +9,7 @@ episode begins). A gated recurrent unit with no bias in the candidate gives
 
 with Δ = (u_a - u_o)/R, the entry m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) for the
 load δ in z, δ_0 = `QUIET`. G determines how far the law goes beyond u_a. z = 0 and h = 0 give ρ = 0 exactly, for any
-context. At rest, or if it estimates no load, the elastic observer acts alone, and the slope of ρ is zero: small
-deviations are handled by a loop that is stable whatever the network has learned.
+context. At rest, or if it estimates no load, the elastic observer acts alone, and the slope of ρ is zero.
 
 `EstimateBundle` is the folder of the network: arm, control period and record of the training run, and the arrays.
 """
@@ -84,7 +83,7 @@ class Layers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
-    """The finite arrays of the module's equations, see `shapes_of`; the rows for s precede the rows for r."""
+    """The finite arrays of the recurrent network, see `shapes_of`; the rows for s precede the rows for r."""
 
     gate_z: np.ndarray  # S_z above R_z
     gate_h: np.ndarray  # S_h above R_h
@@ -133,7 +132,7 @@ class EstimateNetwork:
 
     @functools.cached_property
     def layers(self) -> Layers:
-        """The arrays as the law uses them."""
+        """The arrays joined and transposed as the law uses them."""
         of_z = np.concatenate([self.gate_z, self.A, self.B]).T
         of_h = np.concatenate([self.gate_h, self.U]).T
         of_c = np.concatenate([self.gate_c, self.C, self.P]).T
@@ -143,7 +142,7 @@ class EstimateNetwork:
 
 
 def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
-    """Return m g for z and c, see the module's docstring."""
+    """Return m g, the factor on u_a - u_o and in ρ, for signals z and context c; see the module's docstring."""
     load, square = unexplained_parts(joints, axes).load.start, 0.0
     for k in range(joints):
         square = square + z[load + k] * z[load + k]
@@ -151,7 +150,7 @@ def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
 
 
 def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
-    """Return ρ (n,) from z, c, the `gap` u_a - u_o and the `torques` R (n,) [N m], and advance h (hidden,)."""
+    """Return the output ρ (n,) for z, c, h, `gap` u_a - u_o and `torques` R (n,) [N m], and advance h (hidden,)."""
     hidden, total, follow = len(h), array(1), array(1)
     w = array(hidden)
     for i in each(hidden):
@@ -171,7 +170,7 @@ def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int
 
 
 def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
-    """Advance h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
+    """Advance the memory h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
     hidden, modulation, gates = len(h), n.W.shape[0], _GATES * len(h)
     from_z, from_h, from_c = (array(matrix.shape[1]) for matrix in (n.of_z, n.of_h, n.of_c))
     for numbers in (from_z, from_h):
@@ -216,7 +215,7 @@ class EstimateBundle(Trained):
         return isinstance(arm, Robot) and arm.digest == self.arm.digest
 
     def save(self, folder: Path) -> None:
-        """Write the bundle, see `write_folder`."""
+        """Write the bundle into a folder, see `write_folder`."""
         arm = self.arm
         described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"arm": vars(arm)}
         description = {"schema": OBSERVER, **described, "control_period": self.control_period, **self._record}

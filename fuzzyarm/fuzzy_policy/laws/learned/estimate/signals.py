@@ -3,7 +3,7 @@
 Let ν_a and ν_o be the innovations y - ŷ⁻ of the adaptive and of the elastic observer (one entry for each motor angle
 and velocity), u_a and u_o the torques of the two observers, and l = (forces, payload) the load in the beliefs p. Then
 
-    z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last ρ, asinh((l - l_0)/l_1)),
+    z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last output ρ, asinh((l - l_0)/l_1)),
     a(ν) = asinh(ν/s),    b(ν) = asinh(ν/S) ν²/(s² + ν²),
 
 with κ = `GAP_SHARE` and the `Units` R, s, S and l_1 of an arm. a(ν) resolves small innovations; b(ν) is linear in large
@@ -15,14 +15,13 @@ explained and the arm is on its target. The observation and the beliefs give
 
 where ψ_j is the sum of the angles of joints with parallel axes up to joint j (`turns_of`; θ_1 and θ_1 + θ_2 of the
 two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip; directions of joints are analogous.
-m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion; for Table 1 v_1 = 0.1 mm/s.
+m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion.
 
 The units of the two-joint arm were chosen for Table 1; torques are relative to the torque limits of any arm. For a
 robot given by its frames, every unit is the unit of Table 1 times a ratio between the robot and Table 1:
 
     forces, payload    r_F, r_m, see `scale_of`
-    innovations        Γ_j/I_j, torque limit over motor inertia of the joint, relative to the first joint of Table 1:
-                       what a torque does to a motor within a sample
+    innovations        Γ_j/I_j, torque limit over motor inertia of the joint, relative to the first joint of Table 1
     q̇_d, q̈_d           the joint's velocity limit
     lengths, tip       the reach
 """
@@ -76,7 +75,7 @@ class _Scale(NamedTuple):
 
 
 def scale_of(arm: AnyArm) -> _Scale:
-    """Return the scale of an arm.
+    """Return the size of an arm relative to Table 1.
 
     For the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
     reach. A robot's last motors may be far weaker than its first motors, so its forces and masses use the same share of
@@ -90,7 +89,7 @@ def scale_of(arm: AnyArm) -> _Scale:
 
 
 class Units(NamedTuple):
-    """The units of the signals, for n joints and a tip in a plane or in space."""
+    """The units of the network's inputs, for n joints and a tip in a plane or in space."""
 
     torque: Any  # R (n,), 1.2 times the torque limits [N m]: unit of loads; unit and bound of residual torques
     # l_1 (axes + 2,), of the forces along the direction of travel and along each axis [N], and the payload [kg]
@@ -106,7 +105,7 @@ class Units(NamedTuple):
 
 
 def units_of(arm: AnyArm) -> Units:
-    """Return the units for an arm."""
+    """Return the units of the network's inputs for an arm."""
     limit, scale, paper = per_joint_of(arm, "torque_limit"), scale_of(arm), ArmParameters()
     length, speed, fine, coarse, axes = 1.0, np.ones(len(limit)), np.array(_FINE), np.array(_COARSE), len(paper.length)
     if isinstance(arm, Robot):
@@ -143,18 +142,18 @@ _ContextParts = namedtuple(
 
 @functools.cache
 def unexplained_parts(joints: int, axes: int) -> _UnexplainedParts:
-    """Return the slices of the parts of z for given numbers of joints and tip axes."""
+    """Return the slices of the parts of the unexplained signals z for given numbers of joints and tip axes."""
     return _UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
 
 
 @functools.cache
 def context_parts(joints: int, axes: int) -> _ContextParts:
-    """Return the slices of the parts of c for given numbers of joints and tip axes."""
+    """Return the slices of the parts of the context c for given numbers of joints and tip axes."""
     return _ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
 
 
 def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _UnexplainedParts) -> None:
-    """Fill the parts of z for ν_a before the correction; 0 when an episode begins or if the filter has diverged."""
+    """Fill z with the adaptive observer's innovation ν_a; 0 when an episode begins or if the filter has diverged."""
     joints = len(seen.q_motor)
     predicted = (m.flags[FLAG.samples] > 0.0) & (m.flags[FLAG.lost] == 0.0)
     raw = [q - m.z[i] for i, q in enumerate(seen.q_motor)]
@@ -167,7 +166,7 @@ def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _U
 def see_unexplained(
     innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: _UnexplainedParts
 ) -> None:
-    """Fill parts of z from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
+    """Fill z from `innovation` ν_o (2 n,) [rad, rad/s], `load` d̂, `gap` u_a - u_o (n,) [N m], `residual` ρ (n,)."""
     _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
     seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
     for i, torque in enumerate(units.torque.tolist()):
@@ -178,9 +177,9 @@ def see_unexplained(
 def see_beliefs(
     m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: _UnexplainedParts, in_context: _ContextParts
 ) -> None:
-    """Fill the parts of z and c for the corrected beliefs; 0 where the filter has diverged.
+    """Fill z with the estimated load and c with the trust in the filter; 0 where the filter has diverged.
 
-    In c these are delay and its standard deviation [control periods], calm, surprise, and the estimated noise.
+    The trust is the delay, its standard deviation [control periods], calm, surprise, and the estimated noise.
     """
     states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
     for numbers in (belief, trust):
@@ -237,7 +236,7 @@ def context_of(physics: Physics) -> Any:
 
 
 def _scaled(innovation: Any, units: Units, fine: Any, coarse: Any) -> None:
-    """Fill a(ν) and b(ν) from ν, each (2 n,)."""
+    """Fill `fine` with asinh(ν/s) and `coarse` with asinh(ν/S) ν²/(s² + ν²) for an innovation ν, (2 n,) each."""
     for k, number in enumerate(innovation):
         fine[k], coarse[k] = number / float(units.fine[k]), number / float(units.coarse[k])
     _squash(fine)
