@@ -3,13 +3,11 @@
 It reads the file of a bound and the controller file of its law and derives the bound again from separate equations. It
 uses the centre y(t), the radii ρ and each motor's friction plan from the file's tube. On a segment of length h, for a
 plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of the following must hold:
-
 1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), where A is the linearisation at the middle of the segment, a(t) are the
    torques of the constants along the centre, and |w| <= w̄ bounds the terms missing in A wherever |S ξ| <= ρ: defects of
    the centre, derivatives of the links' torques on the tube minus those in A, times ρ, products Δp ρ, and friction.
-2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the plan in the file: HELD is a motor at rest with a net torque below μ F(0);
-   SLIP needs a velocity that keeps its sign on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all cases
-   of Lemma 1 that the velocities allow; ANY is any torque up to the static friction.
+2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the file's plan: HELD rests with a net torque below μ F(0); SLIP keeps its sign
+   on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all possible cases of Lemma 1; ANY is |Γ_f| <= μ F(0).
 3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
 4. *Sample.* The law is linearised on the box of measured states; its remainder includes rounding and a guest's torque.
 5. *Every lap.* The end of a lap lies in the set in which the lap began.
