@@ -145,7 +145,7 @@ def test_the_command_says_it_and_applies_it(logs, tmp_path, capsys, monkeypatch)
     conventions = json.loads(capsys.readouterr().out)["conventions"]
     assert conventions["applied"] and conventions["likely"] == ["the angles seem to be in degrees"]
     np.testing.assert_allclose(seen[0][1].angle, logs[1].angle, atol=1e-12)
-    assert main([*words, str(paths[0])]) == 2 and "given twice" in capsys.readouterr().err
+    assert main([*words, str(paths[0])]) == 2 and f"{paths[0]} is given twice" in capsys.readouterr().err
 
 
 FOLDER = os.environ.get("FUZZYARM_REAL_LOGS", "")

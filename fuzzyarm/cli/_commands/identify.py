@@ -129,8 +129,9 @@ def _logs(options: Options) -> list[Log]:
     """Return the logs of all files; a file with gaps gives one log for each part."""
     from fuzzyarm.identification.reading import read_log
 
-    if len({path.resolve() for path in options.log}) < len(options.log):
-        raise UsageError("a LOG is given twice; give each LOG once")
+    places = [path.resolve() for path in options.log]
+    if twice := [path for k, path in enumerate(options.log) if places[k] in places[:k]]:
+        raise UsageError(f"{twice[0]} is given twice; give each LOG once")
     columns, units = _pairs("--columns", options.columns), _pairs("--units", options.units)
     logs: list[Log] = []
     for path in options.log:
