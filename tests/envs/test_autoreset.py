@@ -123,7 +123,7 @@ def test_states_and_copies_remember_which_lanes_wait(mode):
 
     expected = goes_on(envs)
     assert all(identical(goes_on(twin), expected) for twin in twins)
-    message = "wait for a reset, and this autoreset_mode resets at once; use the autoreset_mode with which"
+    message = "are awaiting a reset, but this autoreset_mode resets at once; use the autoreset_mode with which"
     with pytest.raises(ValueError, match=message):
         batch("SameStep", **arguments).set_state(state)
 
