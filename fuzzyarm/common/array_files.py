@@ -84,7 +84,7 @@ def _check_directory(file: BinaryIO, size: int) -> None:
         raise ValueError("it is too short for a zip archive")
     signature, *_, length, _, comment = _END.unpack(content)
     if signature != b"PK\x05\x06" or comment:
-        raise ValueError("it does not end with the end record of a zip archive, or the record has a comment")
+        raise ValueError("it must end with the end record of a zip archive, without a comment")
     before = size - _END.size - _LOCATOR - _END64.size
     if before >= 0:
         file.seek(before)
@@ -105,7 +105,7 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
         if member.flag_bits & _ENCRYPTED:
             raise _NotRead(f"{member.filename[:40]!r} is encrypted; save it without a password")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise _NotRead(f"{member.filename[:40]!r} uses the unsupported compression method {member.compress_type}")
+            raise _NotRead(f"{member.filename[:40]!r} has compression method {member.compress_type}; allowed: 0 or 8")
     total = sum(member.file_size for member in members)
     if total > most:
         raise _NotRead(f"its arrays unpack to {total} bytes; allowed for this file: at most {most}")

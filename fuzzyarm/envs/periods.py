@@ -37,7 +37,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
     if needed > _MOST_SUBSTEPS:
         raise ValueError(
             f"the arm's fastest mode, {rate:.3g} rad/s, needs sub-steps of {_RESOLVED / rate:.3g} s or less, but "
-            f"{duration:g} s may be divided into at most {_MOST_SUBSTEPS} sub-steps; choose a shorter control_period, "
+            f"a period of {duration:g} s may have at most {_MOST_SUBSTEPS} sub-steps; choose a shorter control_period, "
             "or an arm with less stiffness, damping or viscous friction, or heavier rotors and links"
         )
     return max(math.ceil(duration / MAX_DEFAULT_SUBSTEP - 1e-9), math.ceil(needed - 1e-9))

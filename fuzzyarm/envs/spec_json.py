@@ -58,7 +58,7 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and home.startswith(_HOME) and kind.isidentifier():
         return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **_fields(value)}
     raise ValueError(
-        f"{shown(value)} cannot be written as JSON: leave it out of the spec, and pass it to each gymnasium.make"
+        f"{shown(value)} cannot be written as JSON: leave it out of the spec, and pass it to gymnasium.make"
     )
 
 

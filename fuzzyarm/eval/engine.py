@@ -152,8 +152,8 @@ def _pickled(work: Callable[[int], Any]) -> bytes:
         content: bytes = cloudpickle.dumps((Registry.additions(), work))
     except (AttributeError, TypeError, pickle.PicklingError) as error:
         raise ValueError(
-            f"policies or objects added by name cannot be sent to other processes ({error}): use --jobs 1, or "
-            "make them picklable"
+            f"a policy or an object that was added cannot be sent to other processes ({error}): use --jobs 1, or "
+            "make it picklable"
         ) from None
     return content
 

@@ -193,4 +193,4 @@ def print_scores(document: Mapping[str, Any], console: Console) -> None:
     Sheet(headings, table).print(console)
     numbers = [one["N"] for one in document["policies"].values()]
     if len(numbers) > 1:
-        console.print(f"over {len(numbers)} policies: mean N {np.mean(numbers):.1f}, worst N {min(numbers):.1f}")
+        console.print(f"over {len(numbers)} policies: mean score N {np.mean(numbers):.1f}, worst N {min(numbers):.1f}")

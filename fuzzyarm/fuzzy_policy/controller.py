@@ -136,7 +136,9 @@ class Controller(SignedController):
         document = checked_fields(content, _SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
-            raise ValueError("the premise bounds are not those of the robot: the file was changed; design a new one")
+            raise ValueError(
+                "the premise bounds are not those of the robot: the file was changed; design the controller again"
+            )
         arrays: dict[str, Any] = {
             name: None if document[name] is None else np.array(decoded(document[name]))
             for name in (*_ARRAYS, *POLE_ARRAYS)

@@ -260,7 +260,9 @@ class PassLearner(abc.ABC):
         seen = _checked_observation(observation, self.policy.joints)
         state = self._first(np.zeros((len(seen), self.policy.memory_size))) if state is None else self._checked(state)
         if len(state.memory) != len(seen):
-            raise ValueError(f"state belongs to {len(state.memory)} environment(s), but the observation to {len(seen)}")
+            raise ValueError(
+                f"state is for {len(state.memory)} environment(s), observation for {len(seen)}; give both for the same"
+            )
         torque = self._go_on(seen, state)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 

@@ -170,7 +170,9 @@ class ScheduledController(SignedController):
         robot = document["robot"]
         choice("form", document["form"], (FORM,))
         if document["robot_digest"] != robot.digest:
-            raise ValueError("the robot's digest does not match: the file was changed; restore it, or design a new one")
+            raise ValueError(
+                "the robot's digest does not match: the file was changed; restore it, or design a new controller"
+            )
         arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in _ARRAYS}
         if document["split"] == len(robot):  # JSON does not store the shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}

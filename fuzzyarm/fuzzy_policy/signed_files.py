@@ -86,7 +86,9 @@ def checked_fields(
     free = [(name, Any, dataclasses.field(default=None)) for name in optional]
     document: Any = record(content, dataclasses.make_dataclass("Document", [*required.items(), *free]))
     if content["digest"] != _digest_of({key: value for key, value in content.items() if key != "digest"}):
-        raise ControllerFileError("the digest does not match: the file was changed; restore it, or design a new one")
+        raise ControllerFileError(
+            "the digest does not match: the file was changed; restore it, or design a new controller"
+        )
     return {name: getattr(document, name) for name in content}
 
 

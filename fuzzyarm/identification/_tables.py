@@ -212,7 +212,9 @@ def _text(content: bytes) -> LogTable:
     for line in later:
         again = _heading([line], style)[0]
         if again != names and sorted(again) == sorted(names):
-            raise ValueError(f"line {every.index(line) + 1} has the columns in another order: split the file there")
+            raise ValueError(
+                f"line {every.index(line) + 1} has columns in another order than before: split the file there"
+            )
     if len(kept) * style.width > _MOST_NUMBERS:
         raise ValueError(
             f"it has {len(kept) * style.width} numbers; allowed: at most {_MOST_NUMBERS}. Remove unneeded columns"

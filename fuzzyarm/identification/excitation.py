@@ -166,8 +166,8 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> _Exc
     hold = np.abs(_torque(still, arm)[0]) + np.array(arm.coulomb_friction)
     if (hold > SHARE * np.array(arm.torque_limit)).any():
         raise ValueError(
-            f"holding the arm at ({home[0]:g}, {home[-1]:g}) rad takes {hold[0]:.4g} and {hold[-1]:.4g} N m; allowed: "
-            f"{100 * SHARE:g} % of the limits {arm.torque_limit} N m. Check the masses and torque limits of --robot"
+            f"holding the arm at ({home[0]:g}, {home[-1]:g}) rad takes {hold[0]:.4g} and {hold[-1]:.4g} N m; "
+            f"allowed: up to {100 * SHARE:g} % of {arm.torque_limit} N m. Check the masses and torque limits of --robot"
         )
     frequency = 2.0 / (duration - 2.0 * _RAMP) if duration < 12.0 else 0.2
     harmonics = max(2, min(_HARMONICS, int(_FASTEST / frequency)))
@@ -214,7 +214,7 @@ def rehearsed(
     if terminated:
         seconds = len(torque) * env.control_period
         raise ValueError(
-            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the arm `known`, by which the "
+            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the arm `known`, from which the "
             "controller computes its torques, is too inaccurate for this motion"
         )
     parts = observed(np.array(measured))

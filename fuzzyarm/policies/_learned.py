@@ -67,7 +67,7 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
     base = bundle.action.base
     if base is not None and not resolve(base).named:
         raise ValueError(
-            f"{folder} was trained with the base {base!r}, which is not one of: {', '.join(known_names())}"
+            f"{folder} was trained with the base {base!r}, which is unknown; known: {', '.join(known_names())}"
         )
     added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
     return LearnedPolicy(bundle, control_period, robot, added)

@@ -90,7 +90,11 @@ class _Beside:
             asked = np.asarray(asked, dtype=np.float64)
         except ValueError as error:
             if not self._warned:
-                warnings.warn(f"the shield's policy failed; its law acts alone: {error}", RuntimeWarning, stacklevel=2)
+                warnings.warn(
+                    f"the policy in the shield failed; the shield's law acts alone: {error}",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
             self._warned, asked = True, np.full_like(torque, np.nan)
         near = np.clip(asked, torque - self._margin, torque + self._margin)
         return np.where(np.isnan(asked), torque, near), (own, other)

@@ -245,7 +245,9 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
-        raise NoBound(f"case {claim.case}: no bound with a torque bias or Gaussian encoder noise; choose another case")
+        raise NoBound(
+            f"case {claim.case}: a bound allows no torque bias or Gaussian encoder noise; choose another case"
+        )
     plant = BallPlant.of(parameters, case.disturbance, claim.plants)
     references = schedule.references
     if claim.laps == "ever":

@@ -583,7 +583,7 @@ class _Tube:
             if self._claim.ever and place % count == 0 and not self._is_inside() and place == steps:
                 place, again = place - count, again - 1
                 if not again:
-                    raise _Refused("the set in which the last lap ends is not inside the set in which this lap begins")
+                    raise _Refused("the set in which the final lap ends is not inside the set in which it begins")
 
     def step(self, place: int) -> tuple[float, float]:
         """Take a control step; return bounds on the tip error during the step and at its end [m]."""
@@ -593,7 +593,7 @@ class _Tube:
             most = max(most, self._cross(part, _PERIOD * k + begun, torque))
             begun += part["duration"]
         if begun != _PERIOD:
-            raise _Refused(f"its segments last {begun} s instead of {_PERIOD} s")
+            raise _Refused(f"its segments last {begun} s together instead of {_PERIOD} s")
         self._G[8:10] = 0.0
         if k % 40 == 39:
             self._prune()

@@ -197,7 +197,7 @@ def _check_values(loaded: Any, size: int) -> None:
             rest += part
         elif isinstance(part, torch.Tensor):
             if part.layout != torch.strided or part.is_quantized or part.device.type != "cpu" or part.is_complex():
-                raise ValueError("a tensor is of a wrong kind; allowed: strided, real, unquantized, on the CPU")
+                raise ValueError("allowed: only strided, real, unquantized tensors on the CPU")
             if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
                 raise ValueError("a tensor is larger than the checkpoint's file")
         elif not isinstance(part, str | bool | int | float | None):
@@ -226,7 +226,7 @@ def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, param
         real("learner.optimizer.lr", group["lr"], low=0.0)
         changed = [name for name, value in own.items() if name != "lr" and group[name] != value]
         if changed:
-            raise ValueError(f"learner.optimizer has other values than in this training run: {', '.join(changed)}")
+            raise ValueError(f"learner.optimizer differs from that of this training run in: {', '.join(changed)}")
     for place, moments in instance("learner.optimizer.state", found["optimizer"]["state"], dict).items():
         parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)].detach()
         name = f"learner.optimizer.state.{place}"

@@ -95,7 +95,9 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
                 raise ValueError("give either shield or action, not both")
             law, margin = without_guest(f"shield:{checks.instance('shield', shield, str).replace(':', ':any:')}")
             if not margin:
-                raise ValueError(f"shield = {shield!r} must be a law and its margin [N m], such as fuzzy-4-tip:4,2")
+                raise ValueError(
+                    f"shield = {shield!r} must be a law and a margin [N m] per joint, such as fuzzy-4-tip:4,2"
+                )
             action = ActionDefinition(margin, period=_SHIELDED)
         self.action = learning_action(arm) if action is None else checks.instance("action", action, ActionDefinition)
         if features is None:

@@ -119,7 +119,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
         if premise.joint >= n:
             raise DesignFailed(
                 f"the premise {premise.name} belongs to joint {premise.joint + 1}, but {robot.name} has {n} joints; "
-                f"choose premises of the joints 2 to {n}"
+                f"choose premises of joints 2 to {n}"
             )
     metric = fitted_metric(robot, premises, alpha=alpha, count=_SAMPLES)
     searched = time.perf_counter() - begin

@@ -80,7 +80,7 @@ class Specification:
                 raise ValueError("fastest_pole applies only to the consistent form: leave it out, or choose that form")
             if self.fastest_pole <= self.first_alpha:
                 raise ValueError(
-                    f"fastest_pole = {self.fastest_pole:g} 1/s is out of range; allowed: above alpha, "
+                    f"fastest_pole = {self.fastest_pole:g} 1/s is out of range; allowed: above alpha = "
                     f"{self.first_alpha:g} 1/s"
                 )
         missing = [name for name in ("alpha", "gamma", "gain_bound") if getattr(self, name) is None]

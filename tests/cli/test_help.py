@@ -96,8 +96,8 @@ MISTAKES = [
     ("show fuzzy-4 --csv --json", "--csv and --json both choose the output format; leave out one"),
     ("show ppo-robust", "no sheet of equations and matrices can be written for LearnedPolicy; choose from"),
     ("show fuzzy-4 --robot ur5", "was designed for the two-joint arm"),
-    ("report none", "is not a folder; make an evaluation with fuzzyarm evaluate"),
-    ("report folder.json", "contains no results.json; make an evaluation with fuzzyarm evaluate"),
+    ("report none", "is not a folder; run an evaluation with fuzzyarm evaluate"),
+    ("report folder.json", "contains no results.json; run an evaluation with fuzzyarm evaluate"),
     ("leaderboard folder.json", "results.json does not exist"),
 ]
 

@@ -55,4 +55,4 @@ def test_the_command_prints_anchors_and_writes_the_file(tmp_path, capsys, monkey
     document = json.loads(out.read_text())
     assert document["policies"]["computed-torque"]["N"] == 0.0
     assert document["anchors"]["learned-observer"]["N"] == 100.0
-    assert "fuzzy-4-tip" in text and "over 2 policies: mean N" in text and "worst N 0.0" in text
+    assert "fuzzy-4-tip" in text and "over 2 policies: mean score N" in text and "worst N 0.0" in text

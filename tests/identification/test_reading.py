@@ -284,7 +284,7 @@ REFUSED = {
     "tau1 has outliers in 40 row(s), the first (-9999) at t = 0.014 s; allowed: at most 5 % of the rows": table(
         columns=[TIME, ANGLE, SENTINELS]
     ),
-    "line 301 has the columns in another order: split the file there": "\n".join(
+    "line 301 has columns in another order than before: split the file there": "\n".join(
         [*ROWS[:300], "time,tau1,tau2,q1,q2", *ROWS[300:]]
     ),
     "its heading rst:0x1 (POWERON_RESET) has 1; delete the lines before line 8, which seems to be the heading": (

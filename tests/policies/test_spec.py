@@ -105,7 +105,7 @@ def test_code_that_a_file_names_is_not_imported_for_its_digest(tmp_path, monkeyp
     description["action"]["base"] = "my_trap:factory"
     Path("mine/policy.json").write_text(json.dumps(description))
     assert list(resolve("mine").files()) == ["policy.json"]
-    with pytest.raises(ValueError, match="base 'my_trap:factory', which is not one of"):
+    with pytest.raises(ValueError, match="base 'my_trap:factory', which is unknown"):
         resolve("mine", run_code=True).load()
     with pytest.raises(ValueError, match="names code"):
         resolve("my_trap:factory").files()

@@ -122,7 +122,7 @@ def test_a_state_goes_on_bit_for_bit_and_not_in_other_lanes():
     two.set_state(state)
     for action in actions[30:]:
         assert identical(one.step(action)[:4], two.step(action)[:4])
-    with pytest.raises(ValueError, match="other plants, scenarios, randomisation or periods, or to another number"):
+    with pytest.raises(ValueError, match="other plants, scenarios, randomisation or control periods, or to another"):
         FuzzyArmLearnVectorEnv(3, "payload", history=2).set_state(state)
     with pytest.raises(ValueError, match="must be an array"):
         FuzzyArmLearnVectorEnv(2, history=2).set_state(state)

@@ -71,7 +71,7 @@ REFUSED = [
     ({"action_period": 1.0}, r"action_period = 1.0 s is out of range; allowed: \(0, 0.1\] s"),
     ({"base": "fuzzy-4"}, r"scale\[0\] = 500.0 rad is out of range; allowed: \(0, 0.5\] rad"),
     ({"base": ""}, "base = ''"),
-    ({"smoothness": 1.0, "ent_coef": 0.1}, "smoothness = 1.0 and ent_coef = 0.1: one of them must be 0"),
+    ({"smoothness": 1.0, "ent_coef": 0.1}, "smoothness = 1.0 and ent_coef = 0.1: at least one must be 0"),
     ({"integral_time": math.inf}, "integral_time = inf s is out of range"),
 ]
 

@@ -40,7 +40,7 @@ class Options:
         mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
         say(
             f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, "
-            f"score N = {provenance_of(dataset)['N']:.1f} (same episodes: computed-torque has 0, learned-observer 100)"
+            f"score N = {provenance_of(dataset)['N']:.1f} (computed-torque scores 0 on these, learned-observer 100)"
         )
         say(f"written to {folder}; set MINARI_DATASETS_PATH={self.out} so that Minari finds it")
         return 0

@@ -39,7 +39,7 @@ class Options:
         from fuzzyarm.eval.paper.figures import write_figures
 
         if self.renew and self.expected:
-            raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give only one")
+            raise UsageError("--renew replaces the stored numbers, and --expected compares with them; give only one")
         stored = None if self.renew else report.load_expected(self.expected or report.EXPECTED)
         if self.renew:
             check_writable(self.renew.parent)

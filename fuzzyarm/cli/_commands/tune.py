@@ -62,6 +62,6 @@ class Options:
                 say(f"fuzzyarm tune: {error}", error=True)
                 return 1
         print_margins(tuned.margins, output())
-        say(f"\nwritten to {self.out}: {', '.join(tuned.laws.policies)}; {self.out / 'README.md'} lists the decisions")
+        say(f"\nwritten to {self.out}: {', '.join(tuned.laws.policies)}; {self.out / 'README.md'} states the choices")
         say(f"to compare these policies, run fuzzyarm evaluate --robot {self.out}")
         return 0

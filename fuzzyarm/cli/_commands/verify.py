@@ -41,7 +41,9 @@ class Options:
 
         reports = list[tuple[bool, str, dict[str, Any]]]()
         if self.twice and (other := next((path for path in self.files if not is_bound(path)), None)):
-            raise ValueError(f"--twice is only for files of fuzzyarm prove, and {other} is not one; leave out --twice")
+            raise ValueError(
+                f"--twice is only for files written by fuzzyarm prove, and {other} is not one; leave out --twice"
+            )
         with progress("verifying", len(self.files)) as advance:
             for path in self.files:
                 found = check_bound(path) if is_bound(path) else verify_file(path)

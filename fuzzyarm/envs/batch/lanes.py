@@ -268,8 +268,8 @@ class Lanes:
         made_of = checks.instance("state", state, dict).get("made_of")
         if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
             raise ValueError(
-                "the state belongs to environments with other plants, scenarios, randomisation or periods, or to "
-                "another number of environments; make them with the arguments with which the state was saved"
+                "the state belongs to environments with other plants, scenarios, randomisation or control periods, or "
+                "to another number of them; make them with the same arguments as for the saved state"
             )
         arrays = checked_arrays(state, own)
         self._check_contents(arrays, over)

@@ -75,7 +75,9 @@ class Ranges:
             try:
                 found[words] = arm.with_drives(**drives)
             except ValueError as error:
-                raise ValueError(f"ranges: the arm with these limits is impossible ({words}): {error}") from None
+                raise ValueError(
+                    f"ranges: the arm at these ends of the ranges ({words}) is impossible: {error}"
+                ) from None
         return found
 
     def to_toml(self) -> str:

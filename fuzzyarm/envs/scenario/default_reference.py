@@ -162,7 +162,7 @@ def _shortest(slow: Reference, robot: Robot) -> float:
         if faster * speed <= _SHARE and torque.max() <= _SHARE:
             return round(duration, 1)
     raise ValueError(
-        f"{robot.name} needs more than half of a torque or velocity limit even if the path takes {LONGEST:g} s: raise "
+        f"{robot.name} needs more than the allowed half of a torque or velocity limit even in {LONGEST:g} s: raise "
         "torque_limit or velocity_limit, or give a `reference`"
     )
 

@@ -87,7 +87,9 @@ class DomainRandomisation:
             given = checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
             checks.keep(self, name, given)
         if not isinstance(self.references, tuple | list):
-            raise TypeError(f"DomainRandomisation.references = {checks.shown(self.references)} must be a tuple or list")
+            raise TypeError(
+                f"DomainRandomisation.references = {checks.shown(self.references)} must be a list of references"
+            )
         checks.keep(self, "references", tuple(self.references))
         for reference in self.references:
             checks.instance("DomainRandomisation.references: entry", reference, Reference)  # type: ignore[type-abstract]

@@ -257,7 +257,7 @@ def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
     for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
         if part.shape != (*s.shape, size):
             found = f"{name} of shape {part.shape} for s of shape {s.shape}"
-            raise ValueError(f"path.points(s) returned {found}; allowed: {(*s.shape, size)}")
+            raise ValueError(f"path.points(s) returned {found}; needed: shape {(*s.shape, size)}")
         if part.dtype.kind not in "fiu":
             raise TypeError(f"path.points(s) returned {name} = {checks.shown(part)}; needed: real numbers [m]")
     if not all(np.isfinite(part).all() for part in parts[1:]):  # p is checked with the reach

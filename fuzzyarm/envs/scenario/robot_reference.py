@@ -241,7 +241,7 @@ class TipReference(PathReference):
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
                 f"the smallest singular value of the scaled extended Jacobian is {sharp[k]:.2g}; allowed: {_SHARPEST} "
-                f"or more. There {self._joint(directions[-1])} turns most without moving the tip. Move or shrink the "
+                f"or more. There {self._joint(directions[-1])} can turn most while the tip stays. Move or shrink the "
                 f"path, or start from another `posture`{self._or_free}"
             )
 

@@ -173,7 +173,7 @@ def read_evaluation(folder: Path) -> Results:
     again = f"run fuzzyarm evaluate --out {folder} again"
     if not (folder / _NAME).is_file():
         what = f"contains no {_NAME}" if folder.is_dir() else "is not a folder"
-        raise ValueError(f"{folder} {what}; make an evaluation with fuzzyarm evaluate --out {folder}")
+        raise ValueError(f"{folder} {what}; run an evaluation with fuzzyarm evaluate --out {folder}")
     results = read_results(folder)
     made_by = results.made_with["versions"]["fuzzyarm"]
     if made_by != __version__:

@@ -225,7 +225,7 @@ def _run_chunk(
     """Run a chunk in this process; ValueError if the process's package versions or source code differ from `needed`."""
     if found := _difference(_made_with(), needed):
         raise ValueError(
-            f"the versions of a worker differ from those of the process that runs the sweep ({found}): install the "
+            f"a worker has other versions than the process that runs the sweep ({found}): install the "
             "same versions on all machines, and change no source during the sweep"
         )
     return run_plants(config, policies, config.members(number))

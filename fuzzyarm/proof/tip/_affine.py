@@ -475,7 +475,7 @@ class _Places:
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
         """Apply an operation to each value and `others`; `NoBound` if these depend on another undecided floor."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
-            raise NoBound("the law combines two table look-ups, and the tube determines the row of neither")
+            raise NoBound("the law combines two table look-ups whose rows differ between states of the tube")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
         return _Places(self.source, map(operation, self.values, *columns))
 

@@ -113,7 +113,7 @@ def check_curve(arm: Any, joints: int) -> None:
         rest = curve.series(arb(0))
         fits = rest[0].overlaps(curve.static) and rest[1] <= 0
         if not (fits and all(curve.meets(*each) for each in curve.conditions())):
-            raise NoBound(f"motor {joint + 1}: friction is not a Stribeck curve that falls from the static friction")
+            raise NoBound(f"motor {joint + 1}: friction is not a Stribeck curve that falls with speed")
 
 
 class Plan(enum.Enum):

@@ -91,7 +91,7 @@ class StartBox:
             raise ValueError(f"memory has {len(self.memory)} numbers; this policy needs {memory}")
         for name in _UNITS:
             if isinstance(width := getattr(self, name), tuple) and len(width) != joints:
-                raise ValueError(f"{name} has {len(width)} numbers; needed: one for each of {joints} joints")
+                raise ValueError(f"{name} has {len(width)} numbers; needed: one for each of the {joints} joints")
         halves = [np.broadcast_to(getattr(self, name), joints) for name in _UNITS]
         rows, states = layout(joints, 2).rows, 4 * joints
         made = np.zeros((numbers, states + memory))

@@ -252,7 +252,9 @@ class BallPlant:
         physics = equations_of(parameters)
         joints, nominal = range(physics.joints), physics.plant_of(parameters)
         if len(joints) != JOINTS and any(isinstance(getattr(plants, name)[0], tuple) for name in BY_JOINT):
-            raise NoBound(f"the set has ranges for {JOINTS} joints each; give one range for all {len(joints)} joints")
+            raise NoBound(
+                f"the set has ranges for {JOINTS} joints, but the arm has {len(joints)}; give one for all joints"
+            )
         ranges = {name: [plants.of_joint(name, joint) for joint in joints] for name in BY_JOINT}
         middles = {name: [0.5 * sum(part) for part in parts] for name, parts in ranges.items()}
         share = tuple(map(_share, ranges["dry_friction"]))

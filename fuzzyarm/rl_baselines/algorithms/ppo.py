@@ -79,7 +79,7 @@ class PPOConfig(TrainingConfig):
             raise ValueError(f"batch_size = {self.batch_size} must divide lanes times n_steps = {samples}")
         truth("asymmetric_critic", self.asymmetric_critic)
         if real("smoothness", self.smoothness, low=0.0) > 0.0 and self.ent_coef > 0.0:
-            raise ValueError(f"smoothness = {self.smoothness} and ent_coef = {self.ent_coef}: one of them must be 0")
+            raise ValueError(f"smoothness = {self.smoothness} and ent_coef = {self.ent_coef}: at least one must be 0")
 
 
 PRESETS: dict[str, PPOConfig] = {

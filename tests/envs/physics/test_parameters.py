@@ -116,7 +116,7 @@ def test_the_ends_share_the_diagonal_of_the_rigid_mass_matrix(arm, tmp_path):
         ("damping = [[1.0, 2.0], [1.0, 2.0]]", "unknown field damping; known: motor_inertia, stiffness"),
         (
             "motor_inertia = [[1, 9], [0.4, 0.6]]",
-            r"arm with these limits is impossible \(motor_inertia high\): inertia",
+            r"ends of the ranges \(motor_inertia high\) is impossible: inertia",
         ),
     ],
 )

@@ -192,7 +192,7 @@ BESIDE = Line(tuple(start_of(PLANAR)), tuple(np.add(start_of(PLANAR), (0.0, 0.1,
 ZEROS, ONES = (0.0,) * 6, (0.1,) * 6
 BAD = [  # TypeErrors and ValueErrors, of a path or of waypoints
     ({"path": 3.0}, r"path = 3\.0 must have a method points"),
-    ({"path": Circle()}, r"returned p of shape .* allowed: \(2001, 3\)"),
+    ({"path": Circle()}, r"returned p of shape .* needed: shape \(2001, 3\)"),
     ({"posture": (0.0,) * 5}, r"posture = .* must be 6 real numbers"),
     ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, r"posture: elbow\w* = 9 rad is out of range"),
     ({"orientation": "fixed"}, r"orientation = 'fixed' is unknown; choose from: constant, free"),

@@ -94,7 +94,7 @@ def test_an_object_with_a_state_of_its_own_is_a_guest_and_its_first_failure_is_a
                 raise RuntimeError("the network is gone")
             return np.full(2, 1e3), {"calls": calls}
 
-    with pytest.warns(RuntimeWarning, match="policy failed; its law acts alone: Own: predict failed.*is gone"):
+    with pytest.warns(RuntimeWarning, match="shield failed; the shield's law acts alone: Own: predict failed.*is gone"):
         torque, own = _rollout(shielded("fuzzy-4-tip", Own(), MARGIN), law(), 3)
     np.testing.assert_allclose(torque - own, [[4.0, 2.0], [4.0, 2.0], [0.0, 0.0]], atol=1e-9)
 

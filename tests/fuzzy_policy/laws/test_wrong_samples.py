@@ -74,7 +74,11 @@ def test_what_is_no_state_is_refused_by_name():
         (PASSES.begin_pass, small, f"has a memory of 7 numbers; needed: {SIZE}, from"),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), needs),
         (LEARNING.begin_pass, None, "= None must be the LearnedTorque returned by predict"),
-        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "belongs to 2 environment.*, but .* to 1"),
+        (
+            lambda state: LEARNING.predict(SEEN[0, 0], state),
+            learning,
+            "is for 2 environment.*, observation for 1; give",
+        ),
     ):
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
             use(state)

@@ -159,5 +159,5 @@ def test_what_the_friction_says_of_its_curve_is_checked(monkeypatch, said, wrong
         check_curve(arm, 2)
     for module in (friction_module, defects):
         monkeypatch.setattr(module, "STRIBECK", STRIBECK._replace(**{said: wrong}))
-    with pytest.raises(NoBound, match="motor 1: friction is not a Stribeck curve that falls from"):
+    with pytest.raises(NoBound, match="motor 1: friction is not a Stribeck curve that falls with"):
         check_curve(ARM, 2)

@@ -181,7 +181,7 @@ class PolicyBundle(Trained):
         if self.features.joints != joints:
             raise ValueError(f"features.joints = {self.features.joints}, but action.scale is for {joints} joint(s)")
         if self.arm is None and joints != _PAPERS_JOINTS:
-            raise ValueError("arm is missing; only a policy for the two-joint arm of Table 1 may omit it")
+            raise ValueError("arm is missing; only a policy for the default arm may omit it")
         found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
             text = "the network has {} inputs and {} outputs; the features and the action need {} and {}"

@@ -67,7 +67,7 @@ DAMAGES = (
     (resealed(b"\x80\x04."), "weights.safetensors is damaged"),
 )
 DAMAGES_OF_A_ROBOTS = (  # a bundle for planar-3r
-    (edited(arm="gone"), "arm is missing; only a policy for the two-joint arm"),
+    (edited(arm="gone"), "arm is missing; only a policy for the default arm"),
     (edited("features", joints=2), "features.joints = 2, but action.scale is for 3 joint"),
     (edited("features", joints=13), "joints = 13 is out of range"),
     (edited("arm", digest=7), r"at `arm.digest`"),

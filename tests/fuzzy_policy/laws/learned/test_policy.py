@@ -94,7 +94,7 @@ def test_a_folder_is_the_policy_it_holds_and_its_base_comes_with_it(tmp_path, ac
     for name in (tmp_path / "mine", str(tmp_path / "mine")):
         np.testing.assert_array_equal(torques(load_policy(name), shown), expected)
     bundle(ActionDefinition((0.01, 0.01), base="/somewhere/else.json")).save(tmp_path / "strange")
-    with pytest.raises(ValueError, match="which is not one of: fuzzy-32"):
+    with pytest.raises(ValueError, match="which is unknown; known: fuzzy-32"):
         load_policy(tmp_path / "strange")
     with pytest.raises(ValueError, match=r"is not a policy folder: it contains neither policy\.json nor weights"):
         load_policy(tmp_path)
