@@ -155,7 +155,7 @@ def identify(
                 "give logs of that arm, or another initial arm"
             )
     if not any(log.torque.any() for log in given):
-        raise ValueError("all torques of the logs are zero; choose the columns of torques with --columns tau1=NAME,...")
+        raise ValueError("all torques in the logs are zero; choose the torque columns with --columns tau1=NAME,...")
     step = advance or (lambda: None)
     try:
         if isinstance(start, Robot):

@@ -146,7 +146,7 @@ class Array:
     def __setitem__(self, key: Any, value: Any) -> None:
         first, shape, _ = self._place(key)
         if shape or self.memory.startswith("table"):
-            raise TypeError("only a single number can be assigned to a place in an array, and none to a table")
+            raise TypeError("only a single number can be assigned to an entry of an array; tables are read-only")
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:

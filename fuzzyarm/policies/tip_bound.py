@@ -90,7 +90,7 @@ class TipClaim:
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=self.samples)
         if choice("laps", self.laps, ("one", "ever")) == "ever" and self.steps is not None:
-            raise ValueError(f"steps = {self.steps}: laps = ever needs whole laps; leave out steps or laps")
+            raise ValueError(f"steps = {self.steps}: laps = ever covers whole laps only; leave out steps or laps")
 
     @property
     def samples(self) -> int:
@@ -246,7 +246,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(
-            f"case {claim.case}: a bound allows no torque bias or Gaussian encoder noise; choose another case"
+            f"case {claim.case} has torque bias or Gaussian encoder noise, which no bound covers; choose another case"
         )
     plant = BallPlant.of(parameters, case.disturbance, claim.plants)
     references = schedule.references

@@ -474,7 +474,7 @@ class _Friction:
         plans = ("any",) if plant.any else ("held", "slip", "monotone", "mixed")
         fits = plan in plans and mode in (-1, 0, 1, 2) and (self.side or plan != "slip")
         if not fits or (plan == "held" and not (self._rests and known == (0.0, 0.0))):
-            raise _Refused(f"motor {joint + 1}: plan {plan!r} does not fit mode {mode!r}, the set or the motion")
+            raise _Refused(f"motor {joint + 1}: plan {plan!r} does not fit mode {mode!r}, the set and the motion")
         parts = [_upper(p - self.side * f) for p, f in zip(self.needed.c, self.slips.c, strict=True)]
         self.missed = (sum(parts) + self.needed.left + self.slips.left) * _UP  # bound on |P - σ F(v)|
         self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
@@ -593,7 +593,7 @@ class _Tube:
             most = max(most, self._cross(part, _PERIOD * k + begun, torque))
             begun += part["duration"]
         if begun != _PERIOD:
-            raise _Refused(f"its segments last {begun} s together instead of {_PERIOD} s")
+            raise _Refused(f"its segments last {begun} s in total; needed: {_PERIOD} s")
         self._G[8:10] = 0.0
         if k % 40 == 39:
             self._prune()

@@ -122,7 +122,7 @@ class StableBaselinesVecEnv(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Raise NotImplementedError, since lanes have no environment objects of their own."""
-        raise NotImplementedError(f"{method_name!r} cannot be called for one environment; call the method of `envs`")
+        raise NotImplementedError(f"{method_name!r} cannot be called for one environment; call it on `envs` for all")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Return, for each given lane, whether `Monitor`, whose infos the lanes provide, is a `wrapper_class`."""

@@ -87,7 +87,7 @@ def test_torques_that_no_robot_explains_are_named_and_zeros_are_refused():
     found = identify(log, robot)
     assert found.doubtful and any("explains little" in remark for remark in found.remarks())
     assert max(found.held_out["robot"]) < 1e5
-    with pytest.raises(ValueError, match=r"all torques of the logs are zero; .* --columns tau1=NAME"):
+    with pytest.raises(ValueError, match=r"all torques in the logs are zero; .* --columns tau1=NAME"):
         identify(dataclasses.replace(log, torque=0.0 * torque), robot)
 
 

@@ -49,7 +49,7 @@ class Options:
             (other, *_) = (path for path in self.files if path not in sweeps)
             raise ValueError(f"{sweeps[0]} is a sweep and {other} is not: rank sweeps and evaluations separately")
         if sweeps and self.bound:
-            raise ValueError("--bound is about one known arm, but a sweep has many plants: leave out --bound")
+            raise ValueError("--bound is for one known arm, but a sweep has many plants: leave out --bound")
         tips: dict[str, list[str]] = {}
         for check in checked_bounds(self.bound):
             tips.setdefault(check.claim.policy, []).append(check.sentence)

@@ -266,7 +266,7 @@ class _Model:
         """Return a joint's values, of the overlay `given` or else of the model; ValueError lists missing quantities."""
         if given is None:
             raise ValueError(
-                f"the robot file gives it no drive, and a model has no stiffness: add [joints.{name}] to the robot file"
+                f"the robot file gives it no drive, and a model no stiffness: add [joints.{name}] to the robot file"
             )
         values, differs = self._stated(name, number)
         given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}

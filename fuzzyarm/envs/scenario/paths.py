@@ -325,7 +325,7 @@ class Placed:
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, TipPath):
-            raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) returning shape (..., 2)")
+            raise TypeError(f"path = {checks.shown(self.path)} needs a method points(s) that returns points (..., 2)")
         size = 2 if checks.is_sequence(self.origin, 2) else 3
         checks.keep(self, "origin", any_point("origin", self.origin, size))
         axes = np.array([any_point(name, getattr(self, name), size) for name in ("first", "second")])

@@ -352,7 +352,7 @@ def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) 
     limited = f"a motor is at its torque limit in {100.0 * share:.0f} % of the steps; " if share > _LONG else ""
     try:
         if policy.action_period != period:
-            raise ValueError("a policy that holds its actions cannot be linearised here; use fuzzyarm margins")
+            raise ValueError("it holds each action for several control periods; use fuzzyarm margins")
         radius = largest_radius(linearise_path(policy, arm, period))
     except (AttributeError, TypeError, ValueError) as error:
         reason = f"it is unknown whether its loop is stable on this arm: {' '.join(str(error).split())}"

@@ -225,8 +225,8 @@ def _run_chunk(
     """Run a chunk in this process; ValueError if the process's package versions or source code differ from `needed`."""
     if found := _difference(_made_with(), needed):
         raise ValueError(
-            f"a worker has other versions than the process that runs the sweep ({found}): install the "
-            "same versions on all machines, and change no source during the sweep"
+            f"package versions or code of a worker differ from those of the sweep's process ({found}): install "
+            "the same versions on all machines, and do not change code during the sweep"
         )
     return run_plants(config, policies, config.members(number))
 

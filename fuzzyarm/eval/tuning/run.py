@@ -164,8 +164,8 @@ def tune(
     if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {one.notes[-1].rstrip('.')}" for name, one in findings.items() if one.notes)
         raise NothingFound(
-            f"no policy has stable gains for this arm ({reasons}); fuzzyarm design, with the same --robot, names the "
-            "limiting parameter, and designs for a faster loop with a shorter --control-period"
+            f"no policy has stable gains for this arm ({reasons}); run fuzzyarm design with the same --robot to see "
+            "the limiting parameter, or with a shorter --control-period for a faster loop"
         )
     laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())

@@ -48,7 +48,7 @@ class ShieldedPolicy(LawPolicy):
                 f"{type(law).__name__} does not define one"
             )
         if guest.parameters != law.parameters or guest.control_period != law.control_period:
-            raise ValueError("law and guest, the policy in the shield, must be for the same arm and control period")
+            raise ValueError("law and guest (the policy in the shield) must be for the same arm and control period")
         self.law, self.guest, self.beside = law, guest, beside
         self.margin = tuple(map(float, reals("margin", margin, self.joints, "N m", above=0.0)))
         self.memory_size = law.memory_size + guest.memory_size

@@ -483,7 +483,7 @@ class _Places:
         return self.each(operator.neg)
 
     def __bool__(self) -> bool:
-        raise NoBound("the law rounds a number, and states of the tube give different results")
+        raise NoBound("the law rounds a number, but not to one value for all states of the tube")
 
     __float__ = __bool__
 
@@ -537,7 +537,7 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:
-        raise NoBound("the law predicts a motion whose duration is uncertain, or whose friction may be negative")
+        raise NoBound("the law predicts a motion of uncertain duration, or with dry friction that may be negative")
     floats = 2.0**-47 * (v.largest() + h * (a.largest() + f.largest()))
     for side in (1.0, -1.0):
         after = v + h * (a - side * f)

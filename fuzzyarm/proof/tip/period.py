@@ -97,7 +97,7 @@ class Period:
             except PlanFails as failed:
                 certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
                 plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
-        raise NoBound("no combination of friction plans was found that fits the tube")
+        raise NoBound("no tube was found for any tried combination of sticking and slipping motors")
 
     def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
         if friction == "any":

@@ -209,7 +209,9 @@ def find_set(name: str | Path) -> PlantSet:
         return SETS[str(name)]
     path = Path(name)
     if path.suffix != ".toml":
-        raise ValueError(f"unknown set {checks.shown(str(name))}; choose from: {', '.join(SETS)}, or give a .toml file")
+        raise ValueError(
+            f"unknown set of plants {checks.shown(str(name))}; choose from: {', '.join(SETS)}, or give a .toml file"
+        )
     values = read_toml(path)
     try:
         return record(values, PlantSet)
@@ -253,7 +255,7 @@ class BallPlant:
         joints, nominal = range(physics.joints), physics.plant_of(parameters)
         if len(joints) != JOINTS and any(isinstance(getattr(plants, name)[0], tuple) for name in BY_JOINT):
             raise NoBound(
-                f"the set has ranges for {JOINTS} joints, but the arm has {len(joints)}; give one for all joints"
+                f"the set has ranges for {JOINTS} joints, but the arm has {len(joints)}; give one range that all share"
             )
         ranges = {name: [plants.of_joint(name, joint) for joint in joints] for name in BY_JOINT}
         middles = {name: [0.5 * sum(part) for part in parts] for name, parts in ranges.items()}

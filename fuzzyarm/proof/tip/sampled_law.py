@@ -113,7 +113,7 @@ class SampledLaw:
         numbers, own = [*_numbers((after,))], set(self.remembered.tolist())
         for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
             if place not in own and (isinstance(number, Affine) or number != held):
-                raise NoBound("the part of the law's memory that depends only on references differs between two runs")
+                raise NoBound("a part of the law's memory that should depend only on references differs in two runs")
         return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
 
 

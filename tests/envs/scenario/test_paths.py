@@ -77,7 +77,7 @@ def test_spline_passes_its_waypoints_at_their_chord_lengths(points, closed):
         (lambda: Spline([(0.1, 0.2), (0.3, 0.4), (0.3, 0.4)]), r"waypoints\[1\] .* and waypoints\[2\] .* 0 m apart"),
         (lambda: Placed(Circle(), (0.0,) * 3, (1.0, 0.0, 0.0), (0.1, 1.0, 0.0)), "must be unit vectors at right"),
         (lambda: Placed(Circle(), (0.0,) * 3, (2.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "right angles; their lengths are"),
-        (lambda: Placed(1.0, (0.0,) * 3, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "must have a method points"),
+        (lambda: Placed(1.0, (0.0,) * 3, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "needs a method points"),
         (lambda: Placed(Circle(), (0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "first = .* must be 2 real numbers"),
         (lambda: Spline([*LOOP, LOOP[0]], closed=True), r"waypoints\[4\] .* and waypoints\[0\] .* 0 m apart"),
     ],

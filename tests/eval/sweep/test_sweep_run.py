@@ -117,7 +117,7 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
         return _run_chunk(config, policies, needed | {"numpy": "1.0"}, number)
 
     monkeypatch.setattr(run, "_run_chunk", newer)
-    said = r"a worker has other versions than the process that runs the sweep \(numpy .* and 1\.0\)"
+    said = r"package versions or code of a worker differ from those of the sweep.s process \(numpy .* and 1\.0\)"
     with pytest.raises(ValueError, match=said):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []

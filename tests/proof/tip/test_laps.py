@@ -109,7 +109,7 @@ def test_a_box_is_read_said_and_spanned(tmp_path):
         (["--start", "5e-4", "0", "0", "0", "-1"], "memory = -1.0"),
         (["--start", "no.toml"], "no.toml"),
         (["--start", "x", "0", "0", "0", "0"], "start: could not convert"),
-        (["--laps", "ever", "--steps", "3"], "laps = ever needs whole laps"),
+        (["--laps", "ever", "--steps", "3"], "laps = ever covers whole laps only"),
         (["--laps", "ever", "--path", "line"], "needs a closed path"),
         (["--path", "cube"], "path = 'cube'"),
         (["--robot", "ur5"], "was designed for the two-joint arm, not for ur5"),

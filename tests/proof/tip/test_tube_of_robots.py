@@ -128,7 +128,7 @@ def test_what_a_robot_has_no_bound_for_is_said(bound, capsys):
         assert main([*words, *more]) == 2
         assert why in one_line_error(capsys)
     claim, by_joint = dataclasses.replace(bound.claim, steps=2), PlantSet(mass=((1.0, 1.0), (0.9, 1.1)))
-    with pytest.raises(NoBound, match="ranges for 2 joints, but the arm has 3; give one for all"):
+    with pytest.raises(NoBound, match="ranges for 2 joints, but the arm has 3; give one range"):
         find_bound(dataclasses.replace(claim, set_name="", plants=by_joint))
     with pytest.raises(ValueError, match="angle has 2 numbers; needed: one for each of the 3 joints"):
         find_bound(dataclasses.replace(claim, start=StartBox(angle=(1e-4, 2e-4))))
