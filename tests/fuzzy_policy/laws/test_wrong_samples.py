@@ -71,7 +71,7 @@ def test_what_is_no_state_is_refused_by_name():
         (PASSES.beliefs, None, f"= None {needs}"),
         (PASSES.begin_pass, np.zeros(3), rf"= array\(\[0., 0., 0.\]\) {needs} returned by predict or begin_pass"),
         (PASSES.begin_pass, learning, needs),
-        (PASSES.begin_pass, small, f"has a memory of 7 numbers; needed: {SIZE}, from"),
+        (PASSES.begin_pass, small, f"has a memory of 7 numbers, not {SIZE}; use"),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), needs),
         (LEARNING.begin_pass, None, "= None must be the LearnedTorque returned by predict"),
         (
