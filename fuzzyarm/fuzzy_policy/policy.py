@@ -285,7 +285,7 @@ class PassLearner(abc.ABC):
             raise TypeError(f"state = {shown(state)} must be {needed}")
         size, own = state.memory.shape[1], self.policy.memory_size
         if size != own:
-            raise ValueError(f"state has a memory of {size} numbers, not {own}; use a state from a policy for the same arm")
+            raise ValueError(f"state has a memory of {size} numbers, not {own}; use one from a policy for the same arm")
         return state
 
     def _clipped(self, seen: np.ndarray, torque: np.ndarray) -> np.ndarray:
