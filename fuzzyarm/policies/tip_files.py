@@ -372,7 +372,7 @@ def _check_cells(path: Path, content: Any) -> BoundCheck:
     try:
         document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
         claim = document.claim(document.samples)
-        if not all(document.cells or [""]) or any(Path(name).name != name for name in document.cells):
+        if not document.cells or any(not name or Path(name).name != name for name in document.cells):
             raise ValueError("cells must list one or more file names, without a folder; they must be beside this file")
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
