@@ -110,7 +110,7 @@ def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 def print_comparison(found: _Comparison, console: Console) -> None:
     """Print the result of the comparison, then the notes."""
-    lines = [f"{found.numbers} numbers of {found.rows} rows agree"]
+    lines = [f"{found.numbers} numbers agree (rows: {found.rows})"]
     if found.differences:
         headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
         cells = [
@@ -119,7 +119,7 @@ def print_comparison(found: _Comparison, console: Console) -> None:
         Sheet(headings, cells, left=(0, 1)).print(console)
         left = len(found.differences) - _SHOWN
         lines = [f"and {left} more"] if left > 0 else []
-        lines.append(f"{len(found.differences)} values of {found.rows} rows differ")
+        lines.append(f"{len(found.differences)} values differ (rows: {found.rows})")
     for line in [*lines, *(f"note: {note}" for note in found.notes)]:
         console.print(Text(line))
 

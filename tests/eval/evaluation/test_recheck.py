@@ -55,7 +55,7 @@ def test_a_fresh_evaluation_agrees_with_itself_and_nothing_is_written(folder, do
     before = path.read_bytes()
     out = printed(capsys, *CHECK, "results.json")
     numbers = 4 * (len(document["results"][0]) - len(("case", "policy", "seed", "completed", "reason", "predict_us")))
-    assert out == f"{numbers + len(('alpha', 'gamma'))} numbers of 4 rows agree\n"
+    assert out == f"{numbers + len(('alpha', 'gamma'))} numbers agree (rows: 4)\n"
     assert list(folder.iterdir()) == [path] and path.read_bytes() == before
 
 
@@ -104,7 +104,7 @@ def test_what_differs_is_shown_with_both_values(folder, document, capsys, evalua
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert lines[1][:6] == ["fuzzy-4,", "nominal,", "seed", "0", "energy", "100"]
     assert lines[2][:6] == ["computed-torque,", "nominal,", "seed", "1", "return", "1"]
-    assert lines[3] == ["2", "values", "of", "4", "rows", "differ"]
+    assert lines[3] == ["2", "values", "differ", "(rows:", "4)"]
 
 
 def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
@@ -157,7 +157,7 @@ def test_a_file_alone_runs_no_code(folder, capsys, short):
     error = refused(capsys, *check, "--policy", name, "--policy", "my_checked:Other")
     assert "--policy my_checked:Other: with --check, --policy only permits code" in error
     assert "my_checked" not in sys.modules
-    assert "rows agree" in printed(capsys, *check, "--policy", name)
+    assert "numbers agree" in printed(capsys, *check, "--policy", name)
     source.write_text(LAW + "# changed\n")
     changed = f"policy {name} has changed since it was measured: the SHA-256 of my_checked.py"
     assert changed in refused(capsys, *check, "--policy", name)
