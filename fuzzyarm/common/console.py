@@ -119,7 +119,7 @@ def say_json(document: Any) -> None:
 
 @contextlib.contextmanager
 def _naming_output() -> Iterator[None]:
-    """Make errors of output in the block name standard output; `BrokenPipeError` passes through.
+    """Add the name "standard output" to errors of output in the block; `BrokenPipeError` passes through.
 
     Buffered output that cannot be written is discarded; otherwise Python would report it again at exit.
     """

@@ -82,7 +82,7 @@ def read_bytes(path: Path, *, largest: int = _LARGEST) -> bytes:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Return a regular file, opened for reading; the caller closes it."""
+    """Open a regular file for reading; the caller closes it. DocumentError for a device."""
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -201,7 +201,7 @@ def _check_dotted_keys(text: str) -> None:
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
-    """Raise ValueError for content deeper than `_DEEPEST`, strings that are not Unicode, and infinite numbers."""
+    """Raise ValueError for content nested deeper than `_DEEPEST`, invalid Unicode and, if `finite`, inf and nan."""
     level = [content]
     for depth in range(_DEEPEST + 1):
         below: list[Any] = []

@@ -32,7 +32,7 @@ class Film:
         self._trace.clear()
 
     def follow(self, time: float, vectors: np.ndarray, schedule: Schedule, ended: bool) -> None:
-        """Add the nine `VECTORS` (9, longest) at a time [s] to the trace, and draw if a frame of the window is due."""
+        """Add `VECTORS` (9, `Layout.longest`) at a time [s] to the trace; draw if a frame is due or at the end."""
         self._time = time
         self._trace.append(vectors)
         if self._in_window and (ended or (len(self._trace) - 1) % self._steps_per_frame == 0):

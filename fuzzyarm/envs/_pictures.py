@@ -110,7 +110,7 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 def _paint_error(
     canvas: Canvas, pixels: Callable[[np.ndarray], np.ndarray], tip: np.ndarray, reference: np.ndarray
 ) -> int:
-    """Paint the trace of the tip with magnified error, reference + factor (tip - reference) [m]; return the factor."""
+    """Paint reference + factor (tip - reference) [m], traces (n, 2 or 3) that `pixels` maps to px; return factor."""
     low, high = np.array([[_DOT, HEADER + _DOT], [WIDTH - _DOT, HEIGHT - FOOTER - _DOT]])
     for factor in _MAGNIFICATIONS:
         errors = pixels(reference + factor * (tip - reference))
@@ -123,7 +123,7 @@ def _paint_error(
 
 
 def _paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
-    """Paint a disc at `center` (2,) [px] whose volume grows with the mass [kg]."""
+    """Paint a disc at `center` (2,) [px] whose radius grows with the cube root of the mass [kg]."""
     radius = min(max(9.0 * mass ** (1.0 / 3.0), 8.0), 28.0)
     canvas.disc(center, radius + 2.5, INK)
     canvas.disc(center, radius, PAYLOAD)
@@ -191,7 +191,7 @@ def _case_title(disturbance: Disturbance, arm: AnyArm) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _case(arm: AnyArm, name: str) -> Case | None:
-    """Return a case for an arm; None for an arm that cannot follow the default reference, which sets the loads."""
+    """Return the case `name` with loads for an arm; None if it cannot follow the default reference, which sets them."""
     try:
         return case_for(name, arm)
     except ValueError:

@@ -169,7 +169,7 @@ def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarr
 
 
 def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
-    """Return one seed per lane: seed, seed + 1, ... for a single seed, or the given seeds; None continues a stream."""
+    """Return a seed per lane: those given, or seed, seed + 1, ... for one. None, for all or one, continues a stream."""
     if given is None:
         return None
     if isinstance(given, Sequence | np.ndarray):

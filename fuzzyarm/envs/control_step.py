@@ -62,7 +62,7 @@ def assessed(
     physics: Physics, before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any,
     arm: Any, limits: Any,
 ) -> Moved:  # fmt: skip
-    """Return the state, with assessment and reason, after a step from the state `before` to the state `reached`."""
+    """Return the `Moved` of a step from state `before` to `reached`; the others are as in `control_step`."""
     sound = finite(reached)
     pairs = zip(flat(reached), flat(before), strict=True)
     state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
@@ -77,7 +77,7 @@ def reading_of(physics: Physics) -> Callable[..., tuple[Any, Any]]:
     """Return ``reading(state, limits, noise, key, steps)``: motor angles and velocities as the encoders measure them.
 
     `noise` is a `Noise`; its samples for the instant after `steps` steps are drawn from the stream with the key `key`
-    (uint64). Readings are clipped to the observation space.
+    (uint64). Readings are clipped to the observation space, which exceeds the arm's `limits`.
     """
     PerJoint, joints = physics.PerJoint, physics.joints
     first, each = noise_counter(joints), 2 * joints
@@ -144,7 +144,7 @@ def begun(
 
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
-    """Return ``drawn(key, ranges)``: a `draw_record` of uniform samples from these ranges, the index rounded down."""
+    """Return ``drawn(key, ranges)``: a `draw_record` of uniform samples in ranges; its `reference` is rounded down."""
     at = places(draw_record(joints))  # here, because torch cannot compile a look-up in a cache
 
     def drawn(key: Any, ranges: Any) -> Any:

@@ -44,7 +44,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps a control period has [s]; None: the default if the fastest mode has `rate` [rad/s]."""
+    """Return how many sub-steps [s] a control period [s] has; None: default for a fastest mode of `rate` [rad/s]."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

@@ -4,8 +4,8 @@ With the eye e, unit vectors r (right), d (down) and a (ahead), a point p is see
 
     (right, down) = center + focal (rᵀ (p - e), dᵀ (p - e)) / depth,    depth = aᵀ (p - e).
 
-Gravity points down the picture. The robot faces from left to right. The camera looks from slightly above. The vertical
-plane through the base and the middle of the path, and the plane of the path, both face it as far as possible.
+Gravity points down the picture. The robot faces from left to right. The camera looks slightly downwards, and as
+squarely as possible at the plane of the path and at the vertical plane through the base and the middle of the path.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def floor_of(robot: Robot, points: np.ndarray) -> _Floor:
 
 
 def poses_of(robot: Robot, q: np.ndarray) -> Poses:
-    """Return the robot at angles q (..., n) [rad]."""
+    """Return base, joints, tip and axes of a robot at joint angles q (..., n) [rad]."""
     now = frames(robot, q)
     base = np.zeros_like(now.tip)[..., np.newaxis, :]
     return Poses(np.concatenate([base, now.origin, now.tip[..., np.newaxis, :]], axis=-2), now.axes)

@@ -65,7 +65,7 @@ class Options:
     --policy names it too. If a policy's file has moved, give its new path with --policy"""
 
     def run(self) -> int:
-        """Evaluate; return 1 if an episode ended early or, with `check`, if a number differs."""
+        """Evaluate; return 1 if an episode ended early or a number differs from the file `check`, else 0."""
         if self.check is not None:
             return _repeat(self, self.check)
         from fuzzyarm.eval.declarations import print_declared

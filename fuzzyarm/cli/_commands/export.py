@@ -1,4 +1,4 @@
-"""`fuzzyarm export`: write a policy as C source, as ONNX or with its automaton, or a policy or the plant as an FMU."""
+"""`fuzzyarm export`: write a policy as C source, ONNX or an FMU, the plant as an FMU, or both as an automaton."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Write a policy as C99 source, with a header and test vectors, or as ONNX, or a policy or the plant as an FMU.
+    """Write a policy as C99 source, ONNX or an FMU, the plant as an FMU, or both as an automaton.
 
-    The source is generated from the policy's own Python source and gives the same numbers, bit for bit. It allocates no
-    memory, calls no library and has no loop whose length depends on data. An FMU is for co-simulation with FMI 2.0; it
-    contains the same source and, if there is a C compiler, the library for this machine. An ONNX file contains the same
-    operations for many arms at once, with the memory as an input and an output. An automaton is the problem of
-    `fuzzyarm prove` for other verification tools: the arm with its set of plants and initial states, the references,
-    and the law as ONNX.
+    The source, with a header and test vectors, is made from the policy's Python source and gives the same numbers, bit
+    for bit. It allocates no memory, calls no library and has no loop whose length depends on data. An FMU is for
+    FMI 2.0 co-simulation; it has the same source and, with a C compiler, the library for this machine. An ONNX file
+    has the same operations for many arms at once, with the memory as input and output. An automaton is the problem of
+    `fuzzyarm prove` for other tools: the arm, its set of plants and initial states, the references, the law as ONNX.
     """
 
     what: Annotated[str, Parameter(name="", metavar="c|fmu|onnx|automaton")]
@@ -82,7 +81,7 @@ class Options:
 
 
 def _problem(options: Options) -> Any:
-    """Return the proof problem, as of `fuzzyarm prove`, that the options state for the format automaton."""
+    """Return the problem, as in `fuzzyarm prove`, that the options of the format automaton define."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.policies.tip_bound import TipClaim, problem_of

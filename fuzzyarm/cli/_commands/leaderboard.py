@@ -16,10 +16,10 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Rank the policies of results files by the largest tip error over all cases, or of sweeps over their plants.
+    """Rank the policies in results files by their largest tip error over all cases.
 
-    Files of sweeps are ranked by the error that 99 % of the plants stay below in every case. Files of different kinds,
-    conditions or versions are refused.
+    For sweeps, it is the error that 99 % of the plants stay below in every case. Files of different kinds, conditions
+    or versions are refused.
     """
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]

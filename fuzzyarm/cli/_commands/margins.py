@@ -17,7 +17,7 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Linearise the loop of each policy with the sampled elastic arm along the arm's default path.
+    """Linearise, for each policy, its closed loop with the sampled elastic arm along the arm's default path.
 
     Print the loop's spectral radius, nominal and with changed loop gain, delay, stiffness or payload, and its gain
     margins.

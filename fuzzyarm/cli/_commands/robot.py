@@ -24,7 +24,7 @@ class Options:
     """Write the file of a robot, with every number that the package needs, from its URDF or MJCF model.
 
     A model has no joint stiffness, and seldom rotor inertia or friction. One message lists all missing numbers, with
-    the values of the shipped robots and their sources. Backlash is not modelled. Needs the extra robots.
+    the values of the shipped robots and their sources. Backlash is not modelled. Needs `fuzzyarm[robots]`.
     """
 
     model: Annotated[Path, Parameter(name="", metavar="FILE")]

@@ -100,7 +100,7 @@ def add_algorithms(application: App) -> None:
 
 
 def _options_of(spec: AlgorithmSpec) -> type[Options]:
-    """Return the options of an algorithm: the common ones, and one for each field of its configuration."""
+    """Return the class of an algorithm's options: the common ones, and one for each field of its configuration."""
     made = with_fields_of(spec.config)(Options)
     made.algorithm = spec.name
     first, *others = spec.presets

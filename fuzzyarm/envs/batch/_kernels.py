@@ -117,7 +117,7 @@ _LAYOUTS = {"R": PortLayout.ROWS, "C": PortLayout.COLUMNS, "B": PortLayout.BLOCK
 
 
 def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[int, ...]], layouts: str) -> Kernel:
-    """Return the kernel of a function; `layouts` has R (rows), C (columns) or B (blocks) for each array (port)."""
+    """Return the kernel of a `Program` of the other arguments; `layouts` by port: R (rows), C (columns), B (blocks)."""
     with np.errstate(over="ignore"):  # products of words may overflow
         program = Program(function, ports, constants, tables)
     return Kernel(program, [_LAYOUTS[one] for one in layouts])

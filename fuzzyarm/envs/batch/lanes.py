@@ -57,8 +57,8 @@ class Lanes:
     """A batch of arms, each with its own plant, scenario and random stream.
 
     `plants` and `scenarios` have one entry for all lanes or one per lane; lanes with the same scenario share its table.
-    The control period is in s and has `substeps` sub-steps. A step uses `threads` threads; None: one per 1,024 lanes,
-    at most one per core. ValueError for a reference that does not fit the plant of its lane.
+    The control period [s] has `substeps` sub-steps. A step uses `threads` threads; None: one per 1,024 lanes, at most
+    one per core. ValueError if a reference does not fit the plant of its lane.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class Lanes:
         return self._begin(which)
 
     def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
-        """Return the call that steps all lanes under torques (lanes, joints) [N m] and writes to `out` (size,)."""
+        """Return the call that steps all lanes under torques (lanes, joints) [N m], to fill `out` of `Layout`."""
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
@@ -163,7 +163,7 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in lanes `which` of values, clock, draws; `places` has first episodes and payload places."""
+        """Begin episodes in lanes `which` (n,) of arrays (values, clock, draws) at `Assignment.places` in `tables`."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         initial = (

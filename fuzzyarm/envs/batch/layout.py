@@ -172,22 +172,22 @@ class StepRoom:
     __slots__ = ("_array", "_first", "_stop", "kept")
 
     def __init__(self, size: int) -> None:
-        """Allocate memory that starts at a cache line."""
+        """Allocate memory for `size` numbers that starts at a cache line."""
         self._array = np.empty(size + _LINE)
         self._first = -(self._array.ctypes.data // self._array.itemsize) % _LINE
         self._stop = self._first + size
         self.kept: Any = None
 
     def array(self) -> np.ndarray:
-        """Return the array (size,) of the room; its initial content is arbitrary."""
+        """Return the memory as an array (size,) of arbitrary content."""
         return self._array[self._first : self._stop]
 
 
 class ResultsMemory:
     """A pool of `StepRoom` objects of one size.
 
-    The system zeroes new memory page by page at its first use, which takes a third of the step of a large batch. Every
-    view of an array holds a reference to it, so an array without further references is free.
+    The system zeroes new memory page by page at its first use, which takes a third of a large batch's step time. Every
+    view of an array holds a reference to it, so an array without further references can be reused.
     """
 
     def __init__(self, size: int) -> None:

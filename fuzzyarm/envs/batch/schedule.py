@@ -1,6 +1,6 @@
 """The schedule of an episode: reference, tip force and torque bias of every control step, tabulated before it starts.
 
-A force is integrated over the control step, so that the table is as exact as the physics requires.
+A force within a step is stored as a line in time with the same impulse and first moment.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ class Schedule:
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4 or 6), mean and change [N] of the line with the impulse and first moment of step k's force."""
+        """(steps, 4 or 6) [N]: the mean tip force over step k, then the change of the least-squares line in it."""
         return self.table[:-1, self.columns.force]
 
     @property
     def biases(self) -> np.ndarray:
-        """(steps, n), the torque bias held over step k, taken at its middle [N m]."""
+        """(steps, n), the torque bias [N m] held over step k: its value at the step's middle."""
         return self.table[:-1, self.columns.bias]
 
     @classmethod

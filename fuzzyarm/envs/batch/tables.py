@@ -31,7 +31,7 @@ _Item = TypeVar("_Item")
 
 
 class _Plan(NamedTuple):
-    """A reference, its schedule, and the initial data of an episode, whose row numbers `Tables` fills in."""
+    """A reference, its schedule, and the initial data of an episode; `Tables` sets its `first` and `last` row."""
 
     reference: Reference
     schedule: Schedule
@@ -81,12 +81,12 @@ class Assignment:
         return self.own.firsts[scenarios], places
 
     def all_return(self) -> None:
-        """Put every lane into its own scenario."""
+        """Put every lane back into its own scenario."""
         self.tables = self.own
         self._scenario_of, self._place_of = self._own  # shared until a lane visits another scenario
 
     def back(self, lanes: np.ndarray) -> None:
-        """Return these lanes (n,) to their own scenarios; tables that are no longer used are kept."""
+        """Put these lanes (n,) back into their own scenarios; tables that are no longer used are kept."""
         if self.tables is not self.own:
             self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
@@ -114,11 +114,11 @@ class Assignment:
         self.tables = Tables([*self.tables.scenarios, *tables.scenarios])
 
     def visiting(self) -> np.ndarray:
-        """Return the lanes (n,) that are not in their own scenario."""
+        """Return the lanes (n,) that are in a scenario requested by a reset."""
         return np.flatnonzero(self._scenario_of >= len(self.own.scenarios))
 
     def places(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of the first episodes (n,) and the payloads' places (n,) of these lanes (n,)."""
+        """Return, for lanes (n,), the row in `starts` of the scenario's first episode and its `payload_place`, (n,)."""
         return self.tables.firsts[self._scenario_of[lanes]], self._place_of[lanes]
 
 

@@ -48,7 +48,7 @@ class Body(NamedTuple):
 class Chain(NamedTuple):
     """The frames of a robot whose joints turn about z, its links and its tip, at given joint angles.
 
-    All methods except `regrouped` need the angles and require bodies without masses; see the module.
+    All methods except `regrouped` need the angles and bodies of mass 0, see the module.
     """
 
     rotations: Sequence[Sequence[Sequence[Any]]]  # A_j
@@ -94,15 +94,15 @@ class Chain(NamedTuple):
     def torques(
         self, rates: Sequence[Any], accelerations: Sequence[Any], gravity: Vector, force: Vector = NOTHING
     ) -> list[Any]:
-        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler, without masses.
+        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler for bodies of mass 0.
 
         Outwards, with U = [α]× + [ω]×² and, on the right, ω, α and a of the frame before; first ω = α = 0 and a = -g:
 
             ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
 
-        Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, plus the wrench from beyond.
+        Inwards, with h and L of `Body`: f_j = U h, n_j = L α + ω × L ω + h × a at origin j, plus the wrench of j + 1.
 
-        Gravity g [m/s²] is in the base frame, the tip force F [N] in the last frame; h and L are as in `Body`.
+        Gravity g [m/s²] is in the base frame, the tip force F [N] in the last frame.
         """
         turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
         motion: _Matrix = (NOTHING, NOTHING, NOTHING)
@@ -140,7 +140,7 @@ class Chain(NamedTuple):
         return point
 
     def tip_velocity(self, rates: Sequence[Any]) -> Vector:
-        """Return the tip's velocity [m/s] in the base frame: ẋ = A_j Z(q_j) (ẋ + q̇_j z × x) from the last joint on."""
+        """Return the tip's velocity [m/s] in the base frame: ẋ ← A_j Z(q_j) (ẋ + q̇_j z × x) for j = n, ..., 1."""
         point, velocity = self.tip, NOTHING
         for j in reversed(range(len(self.turns))):
             velocity = (velocity[0] - rates[j] * point[1], velocity[1] + rates[j] * point[0], velocity[2])
@@ -153,7 +153,7 @@ class Chain(NamedTuple):
         return self._moved_force(j, _turned(self.turns[j], force), _turned(self.turns[j], moment))
 
     def _moved_force(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """Transform like `_passed_on`, for a force and a moment in the axes of frame j at angle 0."""
+        """Transform like `_passed_on`, but from the axes that frame j has at q_j = 0."""
         force, moment = rotated(self.rotations[j], force), rotated(self.rotations[j], moment)
         return force, _sum(moment, _cross(self.positions[j], force))
 
@@ -221,7 +221,7 @@ def joined(first: Body, second: Body) -> Body:
 
 
 def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Body:
-    """Return a body in the preceding frame, where its own frame has this pose, by the parallel-axis theorem."""
+    """Return a body in terms of another frame, in which its own has this pose, by the parallel-axis theorem."""
     d, k, m = position, rotated(rotation, body.moment), body.mass
     e = rotated_inertia(rotation, body.inertia)
     moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])
@@ -241,7 +241,7 @@ def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Iner
 
 
 def _turned_inertia(turn: _Turn, inertia: Inertia) -> Inertia:
-    """Return Z L Zᵀ, with Z the turn about z and L the inertia; L_xx + L_yy does not change, which saves products."""
+    """Return Z L Zᵀ, with Z the rotation about z and L the inertia; the constant L_xx + L_yy saves multiplications."""
     (sine, cosine), L = turn, inertia
     first, second = cosine * L.xx - sine * L.xy, cosine * L.xy - sine * L.yy
     xx, xy = cosine * first - sine * second, sine * first + cosine * second
@@ -278,7 +278,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 class Folded:
-    """A number that is unknown while a program is recorded, or its negative; operators accept `Folded` and floats."""
+    """A number that is unknown while a program is recorded, or its negative; operators simplify, see the module."""
 
     __slots__ = ("negative", "value")
 

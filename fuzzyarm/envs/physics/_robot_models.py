@@ -263,7 +263,7 @@ class _Model:
         return [name for name in (*sites, *reversed(bodies)) if name]
 
     def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
-        """Return a joint's values, of the overlay `given` or else of the model; ValueError lists missing quantities."""
+        """Return joint `name`'s values (`number` in MuJoCo), `given` or the model's; ValueError lists missing ones."""
         if given is None:
             raise ValueError(
                 f"the robot file gives it no drive, and a model no stiffness: add [joints.{name}] to the robot file"
@@ -381,7 +381,7 @@ def read_robot(path: str | Path) -> Robot:
 def robot_of_model(
     tree: _Model, tip: Any, joints: Mapping[str, Any], sources: tuple[str, ...], assumptions: tuple[str, ...]
 ) -> Robot:
-    """Return the robot of a model with the values in `joints`; `sources` and `assumptions` state their origin."""
+    """Return the robot of a model with a tip (name or point [m]), values by joint, and texts about their origin."""
     overlay = {"model": "", "tip": tip, "joints": joints, "sources": sources, "assumptions": assumptions}
     return _robot(tree, record(overlay, _Overlay))
 

@@ -150,7 +150,7 @@ class _Serial:
         return self.Plant(*(numbers[name] for name in self.structure.numbers))
 
     def constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> Any:
-        """Return the `Arm` of a plant with the point masses `payload` and `tip_payload` [kg], see `_bodies`."""
+        """Return the `Arm` of a plant and point masses [kg], `payload` at `place` and `tip_payload`; see `_bodies`."""
         numbers = self._constants(plant, payload, place, tip_payload)
         motors = (_motor(plant, k) for k in range(1, self.joints + 1))
         return self.Arm(*(numbers[name] for name in self._link_constants), *itertools.chain(*motors))
@@ -171,7 +171,7 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links; the last carries `payload` from its center (place 0) to the tip (1), and `tip_payload`."""
+        """Return the links; the last carries `tip_payload`, and `payload` at `place` from 0 (its center) to 1 (tip)."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
@@ -207,7 +207,7 @@ class _Serial:
         return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
-        """Return the argument `at` of `advanced` for a tip force [N] and torques `load` on the links [N m]."""
+        """Return the function `at` that `advanced` takes, for a tip force [N] and torques `load` on the links [N m]."""
         links, still, gravity = self._links(arm), [0.0] * self.joints, _vector(arm, "gravity")
 
         def at(link: Any) -> Callable[[Any, Any], Any]:

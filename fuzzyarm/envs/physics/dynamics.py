@@ -31,7 +31,7 @@ _PLACES = ("tip", "link")
 class Payload:
     """A point mass on link 2, unknown to the controller (Case 3).
 
-    Any object with `mass` and `radius` is a payload; to place one elsewhere, write a class with these two members.
+    Any object with `mass` and `radius` is a payload, so your own class can place one elsewhere.
 
     Attributes:
         mass: carried mass [kg], >= 0.
@@ -65,8 +65,7 @@ class Arm(NamedTuple):
     """The constants that the equations of motion use; each entry is a scalar or an array with one value per lane.
 
     c1..c3 are the inertias of the mass matrix [kg m²], c4 and c5 the gravity torques [N m]. Then follow motor inertias
-    [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], dry friction, and link
-    lengths [m].
+    [kg m²], viscous friction [N m s/rad], stiffness [N m/rad] and damping [N m s/rad], `DryFriction`, lengths [m].
     """
 
     c1: Any
@@ -174,7 +173,7 @@ def gravity_torque(sin1: Any, sin12: Any, arm: Arm) -> tuple[Any, Any]:
 
 
 def solve_mass_matrix(cos2: Any, torque1: Any, torque2: Any, arm: Arm) -> tuple[Any, Any]:
-    """Return the link accelerations M_b(q)⁻¹ τ [rad/s²] for link torques τ [N m], at the cosine of q2."""
+    """Return (q̈1, q̈2) = M_b⁻¹ τ [rad/s²] for link torques τ [N m] and M_b of `mass_matrix`; `cos2` is cos q2."""
     m11, m12, m22 = mass_matrix(cos2, arm)
     inverse = 1.0 / (m11 * m22 - m12 * m12)
     return (m22 * torque1 - m12 * torque2) * inverse, (m11 * torque2 - m12 * torque1) * inverse

@@ -88,7 +88,7 @@ def corners_of(robot: Any) -> dict[str, AnyArm]:
     """Return, by description, the arms at the ends of the ranges in the file ``robot``, see `Ranges.corners`.
 
     Args:
-        robot: as for `chosen_arm`. The mapping is empty unless this is a file with the table.
+        robot: as for `chosen_arm`. The mapping is empty unless this is a file with a table ``[ranges]``.
     """
     if not isinstance(robot, str | os.PathLike) or robot in (_PAPER, *shipped_robots()):
         return {}
@@ -98,7 +98,7 @@ def corners_of(robot: Any) -> dict[str, AnyArm]:
 
 
 def argument_of(arm: AnyArm) -> dict[str, Any]:
-    """Return the argument of an environment that selects an arm, by its name: ``parameters`` or ``robot``."""
+    """Return {name: arm}, the argument by which an environment takes the arm: ``parameters`` or ``robot``."""
     return {"parameters": arm} if isinstance(arm, ArmParameters) else {"robot": arm}
 
 

@@ -120,7 +120,7 @@ def _sources(like: str | None) -> tuple[str, ...]:
 
 
 def _nearest(robot: Robot, limit: float | None) -> tuple[Joint, float]:
-    """Return the joint with the torque limit nearest to `limit` [N m], and `limit` divided by it; None: the last, 1."""
+    """Return the joint of torque limit nearest to `limit` [N m], and `limit` divided by it; for None the last and 1."""
     if limit is None:
         return robot.joints[-1], 1.0
     near = min(robot.joints, key=lambda joint: abs(math.log(joint.drive.torque_limit / limit)))

@@ -4,9 +4,8 @@ Over a sub-step h the positions x move half-way, the accelerations a are taken t
 
     x_m = x + h/2 v,    v_m = v + h/2 a(x_m, v),    v' = v + h a(x_m, v_m),    x' = x_m + h/2 v'.
 
-The configuration-dependent terms (sines, mass matrix, gravity, tip force) are computed once a sub-step, at x_m;
-only the velocity-dependent ones are computed twice. The motors' velocities are advanced by `stick_slip`, so
-stick is exact.
+The configuration-dependent terms (sines, mass matrix, gravity, tip force) are computed once a sub-step, at x_m; only
+the velocity-dependent ones are computed twice. The motors' velocities are advanced by `stick_slip`.
 
 `advanced` is this step for any number of joints; `step` and `loaded_step` are the step of the two-joint arm. Over a
 control step (`held_of`), the torque is held and the tip force is linear in time.
@@ -66,10 +65,9 @@ def _drifted(angles: Any, velocities: Any, duration: Any) -> Any:
 def _kick(
     start: Any, middle: Any, torque: Any, accelerations: _Accelerations, driven: Any, arm: Any, duration: Any
 ) -> tuple[Any, Any, Any]:
-    """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations in state `middle`.
+    """Return the velocities of motors and links [rad/s] a duration [s] after `start`, and the motors' rotations [rad].
 
-    The third result is the angles [rad] that the motors travelled. `driven` pairs each motor with its inverse inertia,
-    because a product costs less than a quotient.
+    Accelerations are those in state `middle` under motor torques [N m]. `driven`: motors with their inverse inertias.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
     links = accelerations(joint, middle.link_velocity)

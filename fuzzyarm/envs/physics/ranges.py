@@ -27,7 +27,7 @@ _Intervals = tuple[tuple[float, float], ...]
 
 @dataclasses.dataclass(frozen=True)
 class Ranges:
-    """Lowest and highest values, one pair per joint; an empty tuple where the arm's own values are known."""
+    """Ranges (low, high) [kg m², N m/rad] of an arm's values, one per joint; () for exact values."""
 
     motor_inertia: _Intervals = ()
     stiffness: _Intervals = ()

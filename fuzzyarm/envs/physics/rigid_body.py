@@ -145,7 +145,7 @@ def _cross_motion(velocity: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 
 def _cross_force(velocity: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return v ×* (n, f) = (ω × n + v × f, ω × f) for `velocity` = (ω, v) and `force` = (n, f), (..., 6)."""
+    """Return V ×* (n, f) = (ω × n + v × f, ω × f) for `velocity` V = (ω, v) and `force` = (n, f), (..., 6)."""
     turn = velocity[..., _ANGULAR]
     moment = _cross(turn, force[..., _ANGULAR]) + _cross(velocity[..., _LINEAR], force[..., _LINEAR])
     return np.concatenate([moment, _cross(turn, force[..., _LINEAR])], axis=-1)

@@ -1,10 +1,10 @@
 """Named cases: the three of the paper (section 6.2), and any others that are added.
 
-The loads of the paper's cases are for its arm. `case_for` scales them for any other arm: payload and machining force
-use the same largest fraction of a motor's torque limit along the arm's default reference as on the paper's arm along
-its circle, to two digits; the force lasts as long as that reference. Where gravity has no leverage on the motors, as on
-a horizontal arm, the payload is the paper's fraction of the mass of the links. An arm with the paper's lengths and
-torque limits has the paper's loads. `with_loads` sets other loads.
+The loads of the paper's cases are for its arm. `case_for` scales them for any other arm: the largest fraction of a
+motor's torque limit that the payload or the machining force takes along its default reference is, to two digits, that
+on the paper's arm along its circle; the force lasts as long as that reference. Where gravity has no leverage on the
+motors, as on a horizontal arm, the payload is the same fraction of the links' mass as in the paper. An arm with the
+paper's lengths and torque limits has the paper's loads. `with_loads` sets other loads.
 
 A `Scenario` is the reference of one episode and the disturbance that acts on the arm.
 """
@@ -108,7 +108,7 @@ def case_for(name: str, arm: AnyArm) -> Case:
 def with_loads(
     case: Case, *, force: tuple[float, float] | None = None, payload: float | None = None, duration: float | None = None
 ) -> Case:
-    """Return a case with these loads in place of its own; loads that it lacks are ignored, and the title has the mass.
+    """Return a case, and its title, with these loads in place of its own; loads that the case lacks are ignored.
 
     Args:
         case: any case.
@@ -156,7 +156,7 @@ def _factors(robot: Robot) -> tuple[float, float]:
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest share of a torque limit per N at the tip: along the curve, along gravity, in any direction."""
+    """Return the largest share of a torque limit that 1 N at the tip takes: along the curve, gravity, any direction."""
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))

@@ -77,7 +77,7 @@ def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
 
 @functools.lru_cache(maxsize=64)
 def _papers(robot: Robot, name: str) -> TipReference | None:
-    """Return the paper's motion along a named path; None if a robot's frames differ from `Robot.of`'s or it cannot."""
+    """Return the paper's motion along a named path; None if the robot cannot follow it or lacks `Robot.of`'s frames."""
     if len(robot) != len(ArmParameters().length):
         return None
     lengths = float(np.linalg.norm(robot.arrays.position[1])), float(np.linalg.norm(robot.arrays.tip))
@@ -113,7 +113,7 @@ def _fitted(robot: Robot, name: str) -> TipReference:
 
 
 def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two unit vectors (3,) in the plane of the path: upwards and sideways."""
+    """Return unit vectors (3,) upwards and sideways in the plane of a path at the tip (3,) [m]."""
     motion = freedom(robot).motion
     pull = robot.arrays.gravity
     if len(motion) < len(tip):  # a planar robot: upwards in its plane, if there is such a direction
@@ -203,7 +203,7 @@ def _splines(robot: Robot, count: int, seed: int) -> tuple[Reference, ...]:
 
 
 def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
-    """Return the motion through postures (k, n) [rad] at a fraction `speed` of the velocity limits, or slower."""
+    """Return the motion through postures (k, n) [rad] at `speed` times the velocity limits, slower for weak motors."""
     slow = SplineReference(tuple(map(tuple, postures.tolist())), LONGEST, robot)
     q, dq, ddq = slow.sample(np.linspace(0.0, LONGEST, 501))
     weight, moving = _torques(robot, q, dq, ddq)
