@@ -1,7 +1,6 @@
 """The batched form of ``FuzzyArm-v0``: a `gymnasium.vector.VectorEnv` for thousands of arms.
 
-For each key, `info` has an array with a row per lane, and a mask ``_key`` of the lanes to which it applies.
-Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels return them.
+Quantities in `info` are in SI units [m, rad, rad/s, N m, N, s], as the kernels return them.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def _flags(scalars: np.ndarray) -> np.ndarray:
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-    """Return the entries of `info` by name, in SI units, from the vectors of `Layout.each` and scalars (10, lanes)."""
+    """Return `info` in SI units, from vectors of `Layout.each`, scalars (10, lanes) and their `_flags`, if known."""
     clipped, _, terminated = _flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
@@ -130,8 +129,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     observation and `info` are then the new episode's first, and those of the last instant are in ``info["final_obs"]``
     (an array of objects) and ``info["final_info"]``, masked by ``_final_obs``, ``_final_info``.
 
-    Two other modes can be chosen, by text or as a member of Gymnasium's `AutoresetMode`. ``"NextStep"``: the step after
-    an episode's end begins that lane's next episode, ignores its action and gives the reward 0. ``"Disabled"``: call
+    Two other modes can be chosen, by text or as an `AutoresetMode`. ``"NextStep"``: the step after an episode's end
+    begins that lane's next episode, ignores its action and gives the reward 0. ``"Disabled"``: call
     ``reset(options={"reset_mask": mask})`` with a mask (num_envs,) of booleans that selects the ended lanes; a step
     before that raises. A mask works in every mode: the lanes outside it continue and have no `info`.
 

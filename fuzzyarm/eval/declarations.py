@@ -46,10 +46,10 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
 
 
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the `named` policies that are neither user code among a file's `policies` nor the new path of one of them.
+    """Return those `named` that are neither user code among a file's `policies` nor the new path of a policy's file.
 
     ValueError, with a message that begins with `place`, unless all user code among `policies` is `named`: a file alone
-    runs no code.
+    does not permit it to run.
     """
     specs = list(map(resolve, policies))
     code, labels = [spec.name for spec in specs if spec.kind is Kind.CODE], [spec.label for spec in specs]

@@ -113,7 +113,7 @@ class Engine:
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
-        """Choose joblib's backend for the block; yield the number of workers and the types of error when one dies."""
+        """Context of joblib's backend, with `modules` on Ray; yields the number of workers and errors if one dies."""
         from joblib import parallel_config
 
         if self.backend == "local":
@@ -145,7 +145,7 @@ class Engine:
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:
-    """Return `work` and all objects added by name, pickled once; each piece of work unpickles its own copy."""
+    """Return one pickle of `work` and the objects added to registries; each piece of work unpickles its own copy."""
     import cloudpickle  # type: ignore[import-untyped]
 
     try:
@@ -214,8 +214,7 @@ def _module_sources(pickled: bytes) -> tuple[Path, ...]:
 def source_of(top: str) -> Path | None:
     """Return the folder of the user's top-level package with this name, or the file of a module outside packages.
 
-    None for a part of Python or of fuzzyarm, for the main program and for installed packages, which all machines are
-    expected to have.
+    None for a part of Python or of fuzzyarm, the main program, and installed packages, which all machines should have.
     """
     module = sys.modules[top]
     path = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), None)

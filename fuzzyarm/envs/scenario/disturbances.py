@@ -24,7 +24,7 @@ class TipForce(Protocol):
 
     Vectors have two components in the plane of the two-joint arm and three for other robots.
 
-    A new kind of force is a class with this method in its own file; nothing else needs to change.
+    A new kind of force is any class with this method.
     """
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
@@ -145,7 +145,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers as floats, as many as an entry of `sizes`; for any other count, an error asks for two."""
+    """Return real numbers as floats; if their count is not among `sizes`, the error's message asks for two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 

@@ -124,7 +124,7 @@ class ElasticReference:
         return relaxed
 
     def _by_panels(self, t: np.ndarray, corners: np.ndarray, time_constant: float) -> np.ndarray:
-        """Return the integral of `_relaxed` (times, n); `corners` (times, corners) are the x of the corners of τ_d."""
+        """Return the integral of `_relaxed` over x, (times, n); `corners` (times, corners): the x of corners of τ_d."""
         inside = np.clip(corners, _PANELS[0], _PANELS[-1])  # a corner out of reach makes an empty panel
         edges = np.sort(np.concatenate([np.tile(_PANELS, (len(t), 1)), inside], axis=1), axis=1)
         nodes, weights = legendre.leggauss(_NODES)
@@ -163,11 +163,11 @@ class ElasticReference:
 
     @cached_property
     def _box(self) -> np.ndarray:
-        """Lowest and highest angles [rad], then velocities [rad/s], (2, 2, n)."""
+        """Ranges of the joints' angles [rad], then of their velocities [rad/s], (2, 2, n); each: lowest, highest."""
         fastest = velocity_limits(self._robot)
         return np.array([angle_ranges(self._robot), [-fastest, fastest]])
 
 
 def _box_share(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the distance of values (..., n) from the middle of their ranges, as a fraction of half the range."""
+    """Return the distance (..., n) of each value from the middle of its range, as a fraction of half the range."""
     return np.asarray(np.abs(values - 0.5 * (low + high)) / (0.5 * (high - low)))

@@ -33,13 +33,12 @@ _LARGEST_FILE = 4 * 1024 * 1024
 
 @dataclasses.dataclass(frozen=True)
 class GivenPath:
-    """Points that the tip passes, from rest to rest.
+    """Points through which the tip passes, from rest to rest.
 
     Attributes:
-        points: (x, y) [m] of the two-joint arm, x down and y to the right, or (x, y, z) [m] in the base frame of a
-            robot.
+        points: (x, y) [m] of the two-joint arm, x down and y to the right, or (x, y, z) [m] in a robot's base frame.
         closed: whether the path returns to the first point.
-        duration: duration of the motion [s]; None: the one by the rule in `default_reference`.
+        duration: duration of the motion [s]; None: by the rule in `default_reference`.
     """
 
     points: tuple[tuple[float, ...], ...]

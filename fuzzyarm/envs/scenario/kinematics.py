@@ -108,7 +108,7 @@ _NEAR = 1e-4  # [m, rad], residual of least squares up to which Newton's steps f
 
 
 class _Freedom(NamedTuple):
-    """Possible motions of a robot's last link: orthonormal directions of motion of the tip, and axes of turning."""
+    """Orthonormal directions in which the tip of a robot can move, and axes about which its last link can turn."""
 
     motion: np.ndarray  # P (2 or 3, 3)
     turning: np.ndarray  # (1 or 3, 3)
@@ -127,8 +127,10 @@ class TipTask:
     """The system f(q, p) = 0 of the module, for a robot and a first posture q_0 (n,) [rad].
 
     Attributes:
-        motion: P (2 or 3, 3); `turning`: O (0, 1 or 3, 3), without rows if the orientation is free.
-        rotation: R_0 (3, 3), rotation of the last link at q_0; `frozen`: Nᵀ (n - rows of P and O, n).
+        motion: P (2 or 3, 3), directions in which the tip can move.
+        turning: O (0, 1 or 3, 3), axes about which the last link can turn; no rows if the orientation is free.
+        rotation: R_0 (3, 3), rotation of the last link at q_0.
+        frozen: Nᵀ (n - rows of P and O, n), the joint motions that stay zero.
     """
 
     def __init__(self, robot: Robot, start: np.ndarray, keeps_orientation: bool) -> None:

@@ -5,7 +5,7 @@ the frame of (26): the base at the origin, x down along gravity, y to the side. 
 frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
 Circle, lemniscate, line and square can be chosen by name, for the paper's arm and in a plane for any other arm. A
-square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
+square has round corners, because a reference is twice differentiable.
 
 Each class raises TypeError for a value that is not a real number, or a path without a method ``points``; and ValueError
 for a number that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors
@@ -338,7 +338,7 @@ class Placed:
 
     @property
     def axes(self) -> np.ndarray:
-        """Rows e_1 and e_2, (2, 3) or (2, 2), orthonormal up to rounding."""
+        """The plane's axes e_1 and e_2 as orthonormal rows, (2, 3), or (2, 2) for the two-joint arm."""
         first, second = np.array(self.first), np.array(self.second)
         first = first / np.linalg.norm(first)
         second = second - (second @ first) * first

@@ -46,7 +46,7 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
 
 
 def time_law(x: Any, duration: float) -> tuple[Any, Any, Any]:
-    """Return s, ṡ and s̈ as `quintic_time_law` does, at fractions x of the duration, numbers of any type."""
+    """Return s, ṡ [1/s] and s̈ [1/s²] of `quintic_time_law` at fractions x, of any number type, of the duration [s]."""
     s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
     ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
     dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
@@ -99,7 +99,7 @@ class TipSample(NamedTuple):
 class Reference(abc.ABC):
     """A twice differentiable motion of the joints from rest to rest, and the motion of the tip.
 
-    Every value depends only on its own t. Before t = 0 and after t = T the arm rests at the ends.
+    Every value depends only on its own t. The arm rests at the start before t = 0, and at the end after t = T.
 
     Attributes:
         duration: T [s].
@@ -114,7 +114,7 @@ class Reference(abc.ABC):
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center (2,) or (3,) [m] and radius [m] of the curve of the tip; None if it is not a circle."""
+        """Center (2,) or (3,) [m] and radius [m] of the tip's path; None if it is not a circle."""
         return None
 
     @abc.abstractmethod
@@ -144,7 +144,7 @@ class PathReference(Reference):
     path: TipPath
 
     def checked_instants(self, size: int) -> np.ndarray:
-        """Check a path of `size` coordinates and the duration; return instants (k,) [s] at which to check it."""
+        """Check the duration and that points have `size` coordinates; return instants (k,) [s] for further checks."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
                 f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., "
@@ -173,8 +173,7 @@ class PathReference(Reference):
 class JointReference(PathReference):
     """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
 
-    All derivatives are analytic, and every value depends only on its own t. Before t = 0 and after t = T the arm
-    rests at the ends of the path.
+    All derivatives are analytic. Before t = 0 and after t = T the arm rests at the ends of the path.
 
     Attributes:
         path: tip curve (`paths`).
@@ -250,7 +249,7 @@ def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: 
 
 
 def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
-    """Raise unless a path returns p, dp/ds and d²p/ds² as arrays with `size` coordinates, as `TipPath` requires."""
+    """Raise TypeError or ValueError unless `path`, at s (k,), returns p, dp/ds and d²p/ds² as arrays (k, `size`)."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
         raise TypeError(f"path.points(s) returned {checks.shown(parts)}; needed: three NumPy arrays p, dp/ds, d²p/ds²")
@@ -265,7 +264,7 @@ def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
 
 
 def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float]) -> None:
-    """Raise ValueError unless the arm reaches every point (k, 2) [m] with a margin to singular configurations."""
+    """Raise ValueError unless links of `length` [m] reach all points (k, 2) [m], at t [s], away from singularities."""
     distance = np.hypot(position[:, 0], position[:, 1])
     most_folded, most_stretched = [0.0, math.pi - _SINGULARITY_MARGIN], [0.0, _SINGULARITY_MARGIN]
     low, high = np.linalg.norm(tip_position(np.array([most_folded, most_stretched]), length), axis=-1)

@@ -1,6 +1,6 @@
 """References of any robot: along a path of its tip in space, or along a spline of its joint angles.
 
-Along a path of the tip, by inverse kinematics, with f and A of `kinematics`,
+Along a path of the tip, by inverse kinematics, with f, A and the projection P of `kinematics`,
 
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
@@ -84,7 +84,7 @@ EXACT = 1e-10  # m or rad, largest error of an inverse
 _LONGEST_STEP = 0.5  # rad that a joint may move in a step
 
 _SHARPEST = 0.01
-"""Smallest singular value allowed for A along a path, with lengths in reaches; for a singular A the value is 0.
+"""Smallest singular value allowed for A along a path, with lengths in reaches.
 
 For two equal links the value is 0.04 to 0.08 sin q2, for a wrist of three axes about 0.7 times the middle angle.
 """
@@ -106,7 +106,7 @@ class TipReference(PathReference):
     Raises:
         ValueError: a value is out of range; or the path cannot be followed: it begins out of reach, leaves the reach,
             comes too close to a singular posture (`_SHARPEST`), or exceeds an angle or velocity limit of a joint. The
-            message states at which time and point, at which joint, by how much, and what to change.
+            message states when, where, at which joint, by how much, and what to change.
     """
 
     path: TipPath
@@ -151,7 +151,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _task(self) -> TipTask:
-        """The equations to be solved for a posture; in their first posture, the tip is at the start of the path."""
+        """The equations for a posture on the path; q_0 of `TipTask` has the tip at the start of the path."""
         point = self.path.points(0.0)[0]
         near = np.array(self.posture)
         q, missed = start_posture(self.robot, near, point, self.keeps_orientation)
@@ -168,7 +168,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _followed(self) -> CubicHermiteSpline:
-        """The joint angles as a spline in s, exact at `_NODES`: followed along the path over `_STEPS`, then refined."""
+        """A spline of the joint angles [rad] in s: found from step to step of `_STEPS`, then refined at `_NODES`."""
         from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
 
         points, tangents, _ = self.path.points(_STEPS)
@@ -282,7 +282,7 @@ class SplineReference(Reference):
 
     Raises:
         ValueError: a value is out of range, neighbours coincide, or the motion exceeds an angle or velocity limit of a
-            joint; the message states when, at which joint, by how much, and what to change.
+            joint. The message states when, at which joint, by how much, and what to change.
     """
 
     waypoints: tuple[tuple[float, ...], ...]
@@ -319,7 +319,7 @@ class SplineReference(Reference):
         return TipSample(now.tip, _tip_rate(jacobian(now), dq))
 
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return `_upward_normals` (..., 3) of the curve of the tip."""
+        """Return upward unit normals (..., 3) of the tip's curve at times t [s] (...,), see `_upward_normals`."""
         q, dq, _ = self.points(quintic_time_law(t, self.duration)[0])
         return _upward_normals(_tip_rate(jacobian(frames(self.robot, q)), dq), self.robot)
 

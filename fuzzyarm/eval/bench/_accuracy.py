@@ -24,7 +24,7 @@ def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
 def exact_tips(policy: Predictor, case: str) -> np.ndarray:
     """Return the positions of the tip (n, 2) [m] after each control step, with the plant solved by `event_integrator`.
 
-    The tip force varies within a control step. The policy acts on the solved states. The run takes about ten seconds.
+    The tip force varies within a control step. The policy acts on the solved states.
     """
     env, disturbance = FuzzyArmEnv(case=case), find_case(case).disturbance
     reference, period, tip_force = env.reference, env.control_period, disturbance.tip_force
@@ -48,5 +48,5 @@ def exact_tips(policy: Predictor, case: str) -> np.ndarray:
 
 
 def max_tip_difference(stepped: np.ndarray, exact: np.ndarray) -> float:
-    """Return the largest distance [m] between two tip paths (n, 2) [m]."""
+    """Return the largest distance [m] between points of equal index of two tip paths (n, 2) [m]."""
     return float(np.hypot(*(stepped - exact).T).max())

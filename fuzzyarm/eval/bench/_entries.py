@@ -1,8 +1,7 @@
 """Entries of the speed table: this project's environments, sweeps with and without a kernel, and their peers.
 
-Opening an entry gives a function that runs for a given wall time and returns environment steps per second. A step is a
-control step with observation, reward and due resets, under actions drawn beforehand. The peers are the most similar
-environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
+A step is a control step with observation, reward and due resets, under actions drawn beforehand. The peers are the
+most similar environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ class Entry:
 
 
 def single_entries() -> list[Entry]:
-    """Return the entries that step one environment of `gymnasium.make`: this project's and its peers."""
+    """Return the entries that step one environment of `gymnasium.make`: those of this project and of its peers."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "Reacher-v5")):
@@ -124,7 +123,7 @@ def sweep_entries() -> dict[str, list[Entry]]:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that repeats `advance`, which returns its step count, for a time [s] and returns steps/s."""
+    """Return a function that calls `advance` for a time [s] and returns steps/s; `advance` returns its step count."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0
@@ -138,7 +137,7 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
 
 
 def _timed_batch(envs: Any, space: gym.Space, lanes: int, scale: float) -> Measure:
-    """Return a function that measures the steps/s of a batch; actions are drawn from a lane's space times `scale`."""
+    """Return a function that measures the steps/s of a batch; a lane's actions are drawn from `scale` times `space`."""
     ring = itertools.cycle(_draw_actions(space, 4, (lanes,), scale))
 
     def advance() -> int:
@@ -211,7 +210,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
 
 
 def _torch_modules(device: str) -> tuple[ModuleType, ModuleType]:
-    """Return the modules `fuzzyarm.rl_baselines.torch_env` and torch if they can step on the device."""
+    """Return the modules `torch_env` and torch; ImportError or RuntimeError without torch, the device or a compiler."""
     # By name: only rl_baselines imports torch, which is optional.
     torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
     torch: ModuleType = torch_env.torch

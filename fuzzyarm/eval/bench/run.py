@@ -65,7 +65,7 @@ class BenchConfig:
             )
 
     def groups(self) -> dict[str, list[Entry]]:
-        """Return the entries of the table by heading; those under one heading take turns."""
+        """Return the entries of the table by heading; those under one heading are measured in turns."""
         batches = {f"{lanes} lanes": entries.batch_entries(lanes, self.threads) for lanes in self.lanes}
         return {"one environment": entries.single_entries()} | batches | entries.sweep_entries()
 
@@ -82,7 +82,7 @@ class BenchConfig:
         }
 
     def turns(self) -> int:
-        """Return the number of turns of all entries, which is how often `run_bench` calls `progress`."""
+        """Return how often `run_bench` calls `progress`: in each warm-up and round of each entry, and a few more."""
         groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
         return sum(len(group) * (self.rounds + 1) + 1 for group in groups) + 1
 
@@ -130,7 +130,6 @@ def _race(
 
     The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
     than a round slows both. A turn takes `seconds` [s]; `progress` is called before each turn with a description.
-    Tip errors are computed after the last turn.
     """
     with contextlib.ExitStack() as stack:
         measures, reasons = {}, {}

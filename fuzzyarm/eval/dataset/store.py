@@ -231,7 +231,7 @@ def _buffer(number: int, episode: _Episode) -> Any:
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Let Minari write to a folder, without its warnings about a missing code link, e-mail and environment."""
+    """Context in which Minari writes to a folder, without its warnings about missing metadata, such as e-mail."""
     name = "MINARI_DATASETS_PATH"
     before = os.environ.get(name)
     os.environ[name] = str(folder)

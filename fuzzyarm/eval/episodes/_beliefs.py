@@ -43,7 +43,7 @@ class Believing:
         self._at_last: list[str] = []  # the estimates at an end of their range in the last sample before a divergence
 
     def note(self, control_period: float) -> str:
-        """Return text on the events so far: another path, a divergence, estimates at the limits of their ranges."""
+        """Return text on the events so far: a path unlike the last, a divergence, estimates at ends of their ranges."""
         at = {name: f"{sample * control_period:.3f} s" for name, sample in (self._first | self._ends).items()}
         said = [text.format(at[name]) for name, text in _EVENTS.items() if name in self._first]
         ends = [

@@ -42,7 +42,7 @@ class Channel(NamedTuple):
 
 
 class _Scalars(NamedTuple):
-    """The channel and the results of a lane, as scalars in the kernel."""
+    """The noise and delay of a lane's `Channel` and the results of its episode, as scalars in the kernel."""
 
     running: Any  # 1 until the episode ends
     noise: Any  # factor
@@ -94,7 +94,10 @@ def _kernel_of(
     depth: int,
     scaled: bool,
 ) -> Kernel:
-    """Return the kernel of a law, given by its parts, and the arms of `layout`; delays are less than `depth` steps."""
+    """Return the kernel of arms of `layout` under a law, given by its parts; delays are less than `depth` steps.
+
+    `scaled`: whether encoder noise has a factor, see `Channel`.
+    """
     physics = layout.physics
     PerJoint, joints = physics.PerJoint, physics.joints
     Row, command = row_record(joints, physics.axes), within_limits(Law(act, memory, constants), joints, integral_at)

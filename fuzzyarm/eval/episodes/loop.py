@@ -1,7 +1,6 @@
 """The one loop in which policies act: an episode of a single arm, or one per lane of a batch, step by step.
 
-The caller iterates and decides what to keep: `rollout.rollout_of` keeps all signals of one arm, `TipErrors` the tip
-errors of every lane.
+The caller decides what to keep: `rollout.rollout_of` all signals of one arm, `TipErrors` every lane's tip errors.
 
     errors = TipErrors(envs.num_envs)
     for step in episodes(envs, policy, envs.reset(seed=0)):
@@ -48,7 +47,7 @@ def episodes(
     actuate: Callable[[np.ndarray], np.ndarray] | None = None,
     memory: Any = None,
 ) -> Iterator[Step]:
-    """Run one episode, or one in each lane, until the last of these has ended.
+    """Run one episode, or one in each lane, until the last of these has ended; yield each step.
 
     Args:
         env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another environment with the same `step`; a lane of a
@@ -56,8 +55,7 @@ def episodes(
         policy: the policy that acts.
         start: the observation (10,) or (lanes, 10) and the info of ``env.reset``.
         sense: returns the observation that the policy gets, given observation and info; default: the observation.
-        actuate: returns the torque of the step [N m], given the policy's, and is called once in each step; default: the
-            policy's torque.
+        actuate: returns the torque of the step [N m], given the policy's, once in each step; default: the latter.
         memory: the state with which the policy begins, if any.
     """
     observation, info = start

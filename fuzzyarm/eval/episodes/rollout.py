@@ -121,7 +121,7 @@ def record_passes(
 
 
 def _recorded(env: FuzzyArmEnv, acting: Predictor, memory: Any, *, seed: int, **named: Any) -> tuple[Rollout, Any]:
-    """Run one episode from the policy state `memory` (None: a new one); return the episode and the final state."""
+    """Run one episode from policy state `memory` (None: new); return it, with fields `named`, and the final state."""
     believing, steps = Believing(acting), list[Step]()
     for step in episodes(env, acting, env.reset(seed=seed), memory=memory):
         believing.add(step.memory)

@@ -77,7 +77,7 @@ def read_rollouts(path: Path) -> list[Rollout]:
 
 
 def _array(run: Rollout, name: str) -> np.ndarray:
-    """Return a field as an array; an empty tuple of names is an array of strings."""
+    """Return the field `name` as an array, of strings for `belief_names` even if there are none."""
     return np.asarray(getattr(run, name), dtype=np.str_ if name == "belief_names" else None)
 
 

@@ -217,7 +217,7 @@ def _time_figure(columns: _Columns, panels: Sequence[_Panel], styles: _Styles) -
 
 
 def _limits(columns: _Columns, panels: Sequence[_Panel]) -> _Limits:
-    """Return the axis limits (low, high), with a margin, for `panels` in all columns without errors off the scale."""
+    """Return the axis limits (low, high), with a margin, for `panels` in all columns, ignoring errors off the scale."""
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
         best = max(_SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
@@ -251,7 +251,7 @@ def _draw_panel(axes: Axes, panel: _Panel, episodes: Sequence[Rollout], styles: 
 
 
 def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "right") -> None:
-    """Write the lines `outside`, on policies off the scale, if any, in an upper corner of the axes."""
+    """Write `outside`, lines on policies off the scale, in an upper corner of the axes; nothing if there are none."""
     if outside:
         text = "\n".join(["off the scale:", *outside])
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
@@ -300,7 +300,7 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
 
 
 def _force_figure(title: str, episode: Rollout) -> Figure:
-    """Return the figure of the external force, by component; the force depends on the case and not on the policy."""
+    """Return the figure of the external force, by component; it depends on the case, not on the policy."""
     figure = Figure(figsize=(6.6, 2.9))
     axes = figure.subplots()
     force, colors = episode.external_force.T, ("black", "#666666", "#AAAAAA")

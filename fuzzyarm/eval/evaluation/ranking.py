@@ -6,7 +6,6 @@ interval of 95 % (`_statistics`). Smaller is better. A policy that lost the path
 has no score. Such policies rank last, ordered by the number of episodes in which they lost it.
 
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
-`eval.sweep.ranking` ranks over plants.
 """
 
 from __future__ import annotations
@@ -188,7 +187,7 @@ def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, st
 
 
 def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
-    """Return the headings of the metrics of `metrics.ranked`, for each case, each after `what`."""
+    """Return a heading for each metric of `metrics.ranked` in each case; every heading begins with `what`."""
     return [f"{what}{words}, {case} [{metric.unit}]" for words, metric in ranked().items() for case in cases]
 
 
@@ -233,7 +232,7 @@ def document(board: Leaderboard) -> dict[str, Any]:
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return a row of cells below `ROW` for each policy, with its file if its name has several declarations."""
+    """Return rows of cells with the headings `ROW`, one per declaration, with its file if its policy has several."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [

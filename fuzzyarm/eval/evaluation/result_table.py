@@ -47,7 +47,7 @@ def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the cell of `metrics` under one heading, over several seeds; a metric of one joint stands for all."""
+    """Return the cell of `metrics` under one heading, over several seeds; for a joint's metric, those of all joints."""
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
     names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]
@@ -64,7 +64,7 @@ def print_results(evaluation: Evaluation, console: Console) -> None:
     """Print a line for each policy: rms and largest tip error in each case, and the bound for nearby arms, if known.
 
     Over several seeds these are medians. The smallest rms error of a case is marked, except below `RESOLUTION` or if
-    the policy lost the path, see `metrics.is_lost`.
+    the policy lost the path.
     """
     config, near = evaluation.config, _near_bounds(evaluation)
     groups = {case: _errors(group) for case, group in by_case_and_policy(evaluation.rows).items()}
@@ -83,7 +83,7 @@ def print_results(evaluation: Evaluation, console: Console) -> None:
 
 
 def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
-    """Return by policy the cell with its rms and largest tip error in one case, from its rows."""
+    """Return by policy a cell with the rms and largest tip error in one case; `group` has the rows by policy."""
     lost = {policy: sum(map(is_lost, runs)) for policy, runs in group.items()}
     rms, largest = (
         {policy: float(median(run[f"tip_error_{kind}_mm"] for run in runs)) for policy, runs in group.items()}
@@ -101,7 +101,7 @@ def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
 
 
 def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
-    """Return the stored tip bounds [mm] of policies with the proven files; {} unless arm and circle are the paper's."""
+    """Return by policy the tip bound [mm] stored for its files, if any; {} unless arm and circle are the paper's."""
     config, files = evaluation.config, evaluation.made_with["policy_files"]
     if config.arm != ArmParameters() or (config.path, config.points, config.control_period) != ("circle", None, 1e-3):
         return {}
@@ -111,7 +111,7 @@ def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
 
 
 def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[str, dict[str, Any] | None]) -> list[str]:
-    """Return a line per certified policy, with the command to show its certificate, then a line with the others."""
+    """Return a line per certified policy, void if `bounds` is None, with the command to show it; then the others."""
     lines = []
     for policy, numbers in bounds.items():
         if numbers is not None:
@@ -140,7 +140,7 @@ def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
 def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
-    """Return the headings, then the cells of each policy; both arguments are keyed by policy label."""
+    """Return the headings, then each policy's declaration and what is proven; both arguments are keyed by label."""
     return [(*ROW, "proven for the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()

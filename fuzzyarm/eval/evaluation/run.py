@@ -127,8 +127,8 @@ class EvaluationConfig:
     def command(self, *, placeholders: bool = False) -> str | None:
         """Return the command line of this configuration; None if no option can express its arm or path.
 
-        With `placeholders` the word FILE stands for the file of such an arm or of a path given by points. Policies have
-        their names in results files, see `policies.recorded`.
+        With `placeholders` the word FILE stands for the file of such an arm or of a path given by points. Policies are
+        named as in results files, see `policies.recorded`.
         """
         default = EvaluationConfig()
         words, files = ["fuzzyarm", "evaluate"], []

@@ -23,10 +23,10 @@ __all__ = ["CLAIMS", "PaperNumber"]
 class PaperNumber:
     """A number of the paper, or several numbers of one kind.
 
-    Our value may drift from the stored one by relative * |stored| + absolute. Numbers without simulation are equal on
+    Our value may drift from the stored one by relative * |stored| + absolute. Numbers that need no simulation agree on
     all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: if
-    the gains change by a relative 1e-6, the most sensitive number, from the episode that leaves the box, changes by
-    a relative 1e-4 and most others by less than 1e-5. Their relative tolerance is 1e-3, and lengths also have an
+    the gains change by a relative 1e-6, the most sensitive number, from the episode that leaves the box (25), changes
+    by a relative 1e-4 and most others by less than 1e-5. Their relative tolerance is 1e-3, and lengths also have an
     absolute tolerance of a micrometre. The bisection of γ stops at 1 %, so its relative tolerance is 0.02.
     """
 
@@ -50,7 +50,7 @@ class PaperNumber:
         return dict(getattr(evidence, name)(*arguments))
 
     def allowed(self, stored: float) -> float:
-        """Return the largest allowed difference from a stored value [unit]."""
+        """Return the largest allowed difference from a stored value, in the number's unit."""
         relative, absolute = self.tolerance
         return relative * abs(stored) + absolute
 

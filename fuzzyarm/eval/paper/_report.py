@@ -1,7 +1,7 @@
 """The paper's numbers compared with ours, and the drift from the stored numbers: tables, Markdown and JSON.
 
-``fuzzyarm paper --renew FILE`` stores our present numbers in a file. After an intended change, a maintainer so renews
-the ``expected.json`` of this folder.
+``fuzzyarm paper --renew FILE`` stores our present numbers in a file. A maintainer renews the ``expected.json`` of this
+folder with it after an intended change.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path)
 
 @dataclasses.dataclass(frozen=True)
 class _Value:
-    """One of our numbers; as text, it states its name, both values and the allowed difference."""
+    """A number of a claim, measured now and stored; as text, its name, both values and the allowed difference."""
 
     claim: PaperNumber
     label: str
@@ -87,7 +87,7 @@ class _Value:
 
 @dataclasses.dataclass(frozen=True)
 class _Values:
-    """Our value of every claim and the stored one, by claim and label."""
+    """The numbers of every claim as measured now and as stored in a file, by claim and label."""
 
     measured: _Numbers
     stored: _Numbers

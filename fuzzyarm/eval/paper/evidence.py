@@ -64,7 +64,7 @@ _INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle
 
 
 def _compared_policies() -> dict[str, FuzzyPolicy]:
-    """Return the compared policies by their key in `TITLES`; loading the first four repeats their proofs."""
+    """Return the compared policies by their key in `TITLES`."""
     policies: dict[str, Any] = {key: load_policy(source) for key, source in _SOURCES.items()}
     printed, consistent = (policies[key].controller for key in ("printed-4", "consistent-4"))
     # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `smallest_gamma`.
@@ -91,8 +91,8 @@ class Evidence:
     """The data behind the claims, and their measures: methods that return values by label.
 
     A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
-    controller. `smallest_gamma` has, for each source of another L, the smallest γ, to 1 %, at which the printed form
-    with 4 rules is proven with that L and the P, Q, X, τ and M of its file. With its own L it is proven at γ = 1000.
+    controller. For the L of each of two others, `smallest_gamma` has the smallest γ, to 1 %, at which the controller
+    "printed-4" is proven with that L and its own P, Q, X, τ and M. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion
@@ -114,7 +114,7 @@ class Evidence:
     # Measures of the reference and of the cases.
 
     def tip_speed(self) -> dict[str, float]:
-        """Return the largest speed |ṗ| of the tip on the reference [m/s]."""
+        """Return the largest speed |ṗ| of the tip on the reference [m/s], by "reference"."""
         velocity = self.reference.tip(self._time).velocity
         return {"reference": float(np.linalg.norm(velocity, axis=-1).max())}
 
@@ -136,7 +136,7 @@ class Evidence:
         return {"smallest": float(size.min()), "largest": float(size.max())}
 
     def payload(self, label: str) -> dict[str, float]:
-        """Return the carried mass of Case 3, in kg with the label "payload", else as a percentage of m_2."""
+        """Return the carried mass of Case 3, in kg if `label` is "payload", else as a percentage of m_2."""
         mass = CASES["payload"].disturbance.payload.mass
         share = 100.0 * mass / self.reference.parameters.mass[1]
         return {"payload": mass} if label == "payload" else {"of m_2": share}
@@ -144,17 +144,17 @@ class Evidence:
     # Measures of the inequalities and of their solutions.
 
     def fewest_rules(self) -> dict[str, float]:
-        """Return the fewest rules with a proven solution of Theorem 2 (0: none), and how many files are proven."""
+        """Return by label the fewest rules for which Theorem 2 is proven (0: none), and the number of proven files."""
         proven = [self.witnesses[name].model.rules for name in _WITNESSES if name in self.proven]
         return {"fewest rules": min(proven, default=0), f"proven of {len(_WITNESSES)} witnesses": len(proven)}
 
     def unbounded_gain(self) -> dict[str, float]:
-        """Return the largest |entry| of K of the design without the bound (24); 0 if its file is not proven."""
+        """Return the largest |entry| of K of the design without the bound (24) by "4 rules"; 0 if it is not proven."""
         proven = _HIGH_GAIN in self.proven
         return {"4 rules": _peak(self.witnesses[_HIGH_GAIN].gains[..., states.PLANT]) if proven else 0.0}
 
     def bounded_M(self) -> dict[str, float]:
-        """Return the largest |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
+        """Return by printed form the largest norm |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
         result = {}
         for key, controller in self._printed.items():
             gains = controller.gains
@@ -163,15 +163,15 @@ class Evidence:
         return result
 
     def largest_gain(self, columns: str) -> dict[str, float]:
-        """Return the largest |entry| of [K H] of the printed forms in the columns that have this name in `states`."""
+        """Return by printed form the largest |entry| of [K H] in `columns`: POSITION, VELOCITY or INTEGRAL."""
         return {key: _peak(one.gains[..., getattr(states, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:
-        """Return the largest |entry| of L in the printed forms, and in that which takes L from the consistent form."""
+        """Return by controller the largest |entry| of L: in the printed forms, and in "printed-4-swapped"."""
         return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, _SWAPPED)}
 
     def gamma_with(self) -> Mapping[str, float]:
-        """Return, by the source of another L, the smallest γ [1] at which the printed form with that L is proven."""
+        """Return the smallest γ [1] at which the printed form is proven with another L, by the source of that L."""
         return self.smallest_gamma
 
     def decay_rate(self) -> dict[str, float]:
@@ -179,13 +179,13 @@ class Evidence:
         return {key: self.controllers[key].alpha for key in _SOURCES}
 
     def weight(self) -> dict[str, float]:
-        """Return the diagonal of Q, which both printed forms share."""
+        """Return the diagonal of Q, which both printed forms share, by entry: Q11, Q22, ..."""
         first, second = (controller.weight for controller in self._printed.values())
         assert first is not None and second is not None and (first == second).all()
         return {f"Q{number}{number}": float(entry) for number, entry in enumerate(first, start=1)}
 
     def size(self, entry: str, of: str) -> dict[str, float]:
-        """Return N_var or N_row, a field of `Size`, for 32, 16, 8 and 4 rules.
+        """Return N_var or N_row, the field `entry` of `Size`, by number of rules: 32, 16, 8 and 4.
 
         `of` selects the formula of Remark 4 or the printed theorem without integral action (1 for 32 rules, else 2).
         """
@@ -202,17 +202,17 @@ class Evidence:
     # Measures of the rollouts.
 
     def circularity(self, case: str, side: str, end: str) -> dict[str, float]:
-        """Return the circularity error [mm] of each controller, by `end`: "inmost", "outmost" or "largest"."""
+        """Return the "inmost", "outmost" or "largest" circularity error [mm] by controller; `side` is tip or motors."""
         ends: Mapping[str, Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}
         return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
 
     def worst_case(self, side: str) -> dict[str, float]:
-        """Return, for each controller, its largest circularity error in Case 2 divided by that in Case 3."""
+        """Return by controller the largest circularity error in Case 2 over that in Case 3; `side` is tip or motors."""
         second, third = (self.circularity(case, side, "largest") for case in ("machining", "payload"))
         return {key: second[key] / third[key] for key in TITLES}
 
     def rule_difference(self) -> dict[str, float]:
-        """Return the largest difference of the tip's circularity errors with 32 and 4 rules [mm], by form and case."""
+        """Return by form and case the largest difference [mm] over time in tip circularity error, 32 less 4 rules."""
         result = {}
         for form in FORMS:
             for number, case in enumerate(PAPER_CASES, start=1):
@@ -226,7 +226,7 @@ class Evidence:
         return {key: _peak(self.rollouts[key, "nominal"].torque[:, int(joint) - 1]) for key in TITLES}
 
     def shortest_episode(self) -> dict[str, float]:
-        """Return the shortest duration [s] of the three cases' episodes; the reference's unless the arm left (25)."""
+        """Return by controller the duration [s] of its shortest episode, cut short if the arm leaves the box (25)."""
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:
@@ -246,7 +246,7 @@ def _peak(values: np.ndarray) -> float:
 
 
 def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
-    """Run all controllers in the paper's cases and prove the witnesses; call `progress` after each of these."""
+    """Run all controllers in the paper's cases and prove the `witnesses`; call `progress` after each run and proof."""
     policies, reference, rollouts = _compared_policies(), JointReference(), {}
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)
