@@ -7,8 +7,8 @@ the tip error d in each millisecond, until the reference ends,
     N = 100 (S - S_c) / (S_o - S_c),
 
 with S_c of computed-torque and S_o of learned-observer on the same set: a law that knows only the arm's equations
-scores 0, and an observer that learned to estimate its load scores 100. The set is drawn from the name of the version,
-so that it is public, the same for everyone, and new with each version.
+scores 0, and an observer that learned to estimate its load scores 100. The set is drawn from the name of the version:
+it is public, the same for everyone, and new with each version.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _PERIOD = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class _HeldOut:
-    """Held-out episodes: the arm, the reference, the disturbance and the number of the group of each."""
+    """Held-out episodes: the arm, reference and disturbance of each, and the index of its load in `_GROUPS`."""
 
     arms: tuple[ArmParameters, ...]
     references: tuple[Reference, ...]
@@ -150,7 +150,7 @@ def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
 
 
 def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) -> dict[str, Any]:
-    """Return the scores of policies, given by label, and those of computed-torque and learned-observer, for JSON."""
+    """Return the scores by label of `policies` and `ANCHORS`, for JSON; `chosen`: the episodes, None: `_held_out()`."""
     chosen = _held_out() if chosen is None else chosen
     found = {name: _score_of(load_policy(name), chosen) for name in ANCHORS}
     low, high = (float(found[name].S.mean()) for name in ANCHORS)

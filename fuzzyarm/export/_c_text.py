@@ -61,7 +61,7 @@ class _Program(Program):
         super().__init__(*given)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Record the call of a function marked `apart` and return its results; known arguments give known results."""
+        """Record the call of a function marked `apart` and return its results, constants for constant arguments."""
         numbers = [self._real(one) for one in flat(arguments)]
         if not any(isinstance(one, Symbol) for one in numbers):
             return function(*arguments)
@@ -306,7 +306,7 @@ class _Uses:
     """The symbols needed by the outputs of a program, and where they are used."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
-        """Search backwards from the outputs and from the stores to the memory that is kept between steps."""
+        """Find the symbols backwards from the outputs and from what is stored in memory that is kept between steps."""
         # For each needed symbol, the regions where it is used; None where its text must be a name.
         self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
         self.read = {"room"}  # the memories from which numbers are needed, and the kept one
@@ -348,7 +348,7 @@ class _Uses:
         return [need for value, where in self._stored[memory] for need in ((value, where), *self._decided(where))]
 
     def _decided(self, region: Region | None) -> list[tuple[Any, Region | None]]:
-        """Return the conditions under which a region is run, in pairs with None (the text must be a name)."""
+        """Return (condition, None) for each condition under which a region is run; None: its C text must be a name."""
         if region is None:
             return []
         own: list[tuple[Any, Region | None]] = [(self._conditions[region], None)] if region in self._conditions else []
@@ -379,7 +379,7 @@ class _CWriter:
         return self._lines(program, inputs, changed)
 
     def function(self, one: _Function) -> str:
-        """Return the C definition of a function that stays separate."""
+        """Return the C definition of a function that is called, not inlined."""
         given, results = one.program.ports
         inputs = {one.program.inputs[k]: (name, "") for k, name in one.parameters}
         names = [f"{self._real} {name}" for _, name in one.parameters]
@@ -440,7 +440,7 @@ class _CWriter:
         return [f"{indent}const {self._kind(one)} {name} = {text};"]
 
     def _call(self, one: Symbol, indent: str) -> list[str]:
-        """Return the C lines of a call with several results; empty if the same call was written before."""
+        """Return the C lines of the call with `one` among several results; empty if this call was written before."""
         function, number = one.detail
         texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
         key = (function.name, one.region, *texts)
@@ -552,7 +552,7 @@ class _CWriter:
 
 
 def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
-    """Return the C text of an index: `constant` plus, for each (loop, factor) in `terms`, factor times round."""
+    """Return the C text of an index: `constant` plus factor times the loop's counter for each (loop, factor)."""
     parts = [f"i{loop}" if factor == 1 else f"({factor} * i{loop})" for loop, factor in terms if factor]
     rest = [str(constant)] if constant > 0 or not parts else []
     return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")

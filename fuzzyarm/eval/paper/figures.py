@@ -1,4 +1,4 @@
-"""Figures 2-10 of the paper, recomputed: the printed form in the left column, the consistent form in the right one.
+"""Figures 2-10 of the paper, recomputed: left with its theorems as printed, right in our consistent form.
 
 Only the text of the paper was available, not its figures. The axes follow from the captions and section 6.2. Ranges
 that the text states are drawn as grey bands. As in the paper, dotted blue means 32 rules or joint 1, and solid red
@@ -74,7 +74,7 @@ def _paths(evidence: Evidence) -> Figure:
 
 
 def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
-    """Add an inset to the axes, around the largest circularity error with 4 rules."""
+    """Add an inset around the largest circularity error of the 4-rule controller; `runs` by number of rules."""
     few = runs[4]
     worst = int(np.argmax(np.abs(few.circularity_error)))
     inset = axes.inset_axes((0.35, 0.34, 0.32, 0.32))

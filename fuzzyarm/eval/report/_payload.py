@@ -73,7 +73,7 @@ def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
 
 
 def _range(runs: Sequence[Rollout]) -> np.ndarray:
-    """Return the smallest and largest tip error (n, 2) [m] of the runs not yet ended, at each sample of the first."""
+    """Return the smallest and largest tip error (n, 2) [m] at the n samples of the first run, over runs still going."""
     errors = np.full((len(runs), len(runs[0].time)), np.nan)
     for row, run in zip(errors, runs, strict=True):
         shared = min(len(row), len(run.time))

@@ -39,7 +39,7 @@ _Row = Mapping[str, Any]  # the metrics of one episode
 
 
 def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
-    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians."""
+    """Return a chart of the tip errors for each case, all with the same axis; with several seeds, of the medians."""
     groups = by_case_and_policy(rows)
     errors = {
         case: {

@@ -65,7 +65,7 @@ def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
 
 
 def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> str:
-    """Return the section of proven tubes, empty without bounds; ValueError if no episode fits a bound."""
+    """Return the section on proven tubes, empty without bounds; ValueError if a bound has no matching episode."""
     if not checks:
         return ""
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
@@ -119,7 +119,7 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
 
 
 def _share(share: float) -> str:
-    """Return the SVG of a bar that shows the fraction `share` of the bound that the largest tip error reaches."""
+    """Return the SVG of a bar that shows `share`, the largest tip error as a fraction of its bound."""
     room, words = _SIZE - _PERCENT, f"{100.0 * share:.3g} % of the bound"
     return (
         f'<svg class="chart share" role="img" viewBox="0 0 {_SIZE:g} 18"><title>largest tip error: {words}</title>'

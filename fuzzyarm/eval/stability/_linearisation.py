@@ -1,14 +1,13 @@
 """Stability margins: how far a policy is from instability on the sampled elastic arm, by linearising the closed loop.
 
 At a posture of the path the reference is held fixed and dry friction is removed; viscous friction remains. The
-equilibrium is found by Newton's method; the equation of the loop around it is given below.
+equilibrium is found by Newton's method.
 
-The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an
-observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it, because the arm has no dry
-friction here either.
+The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an observer, is
+linearised without that model, see ``Policy.without_dry_friction()``.
 
-The result is local, at frozen postures and without dry friction. It compares policies and proves nothing about the
-moving arm. Proofs are in the certificates (`fuzzyarm.proof`); the margins stated there are those of the proof.
+The result is local. It compares policies and proves nothing about the moving arm; proofs, with their own margins, are
+in `fuzzyarm.proof`.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -83,7 +82,7 @@ class LocalLoop:
     torque: np.ndarray  # at the equilibrium [N m], (r,)
 
     def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
-        """Return the map (N, N) of the n plant states, m entries of memory and ⌈delay⌉ r past torques over one period.
+        """Return the map (N, N) over one period of n plant states, m memory entries and ⌈delay⌉ past torques (r,).
 
         `loop_gain` [1] is a factor on the torques, and `delay` [samples] is a multiple of 0.5.
         """
@@ -150,11 +149,10 @@ def linearise_path(
 ) -> list[LocalLoop]:
     """Return the loops of a policy at `POSTURES` instants of the default reference of the arm `parameters`.
 
-    `predict` takes batches, in double precision; its state is an array or None. The plant carries `payload`, by default
-    nothing; the control period is in s.
+    `predict` takes batches. The plant carries `payload`, by default nothing; the control period is in s.
 
     Raises:
-        TypeError: the policy's state is not an array, or its torque is not in double precision.
+        TypeError: the policy's state is neither an array nor None, or its torque is not in double precision.
         ValueError: the policy has no equilibrium within the torque limits.
     """
     reference = default_reference(parameters)
@@ -221,7 +219,7 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step of its `kept` entries, shortened until the residual falls."""
+    """Return the point after a Newton `step` of the entries in the mask `kept`, shortened until the residual falls."""
 
     def unrest(at: np.ndarray) -> float:
         return float(np.linalg.norm((arm.advance(at) - at)[kept]))
@@ -261,7 +259,7 @@ class _FrozenArm:
         self.q_motor, self.dq_motor = at.motor, at.motor_velocity
 
     def start(self) -> np.ndarray:
-        """Return a first guess: the arm at the posture, the memory after one call; settled if a torque is clipped."""
+        """Return a first guess: the arm at the posture, the memory after one call; `settled` if a torque is clipped."""
         posture = self.reference[: self.joints]
         plant = np.concatenate([posture, posture, np.zeros(self.states - 2 * self.joints)])
         point = np.append(plant, self._act(plant[np.newaxis])[0, self.next_memory])
@@ -275,7 +273,7 @@ class _FrozenArm:
         return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
-        """Return the loop at `point`, without [A_h B_h], and a mask of the entries of the point that it keeps."""
+        """Return the loop at `point`, its half-period map nan, and a mask of the entries of `point` that it keeps."""
         torque = self._act(point[np.newaxis])[0, self.torque]
         plant = self.plant_over(self.period, point, torque)
         memory = point[self.memory]

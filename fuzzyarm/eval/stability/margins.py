@@ -59,7 +59,7 @@ _LIMITS = {
 
 
 def _conditions_for(arm: AnyArm) -> tuple[_Condition, ...]:
-    """Return the conditions of the table's columns for an arm; the payload is that of its case ``payload``."""
+    """Return the conditions of `fuzzyarm margins` for an arm; the payload is from the evaluation case ``payload``."""
     payload = case_for("payload", arm).disturbance.payload
     return (
         _Condition("nominal"),
@@ -110,7 +110,7 @@ class MarginsConfig:
         return named or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
     def command(self) -> str | None:
-        """Return the command line of this configuration, with its paths as `recorded`; None if `robot` is an object."""
+        """Return the command line of this configuration, absolute paths shortened; None if `robot` is an object."""
         if not isinstance(self.robot, str | os.PathLike | None):
             return None
         words = ["fuzzyarm", "margins"]
@@ -156,9 +156,9 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 
 
 def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
-    """Return a policy's spectral radius [1] on each arm in `corners`, by the arm's description; None without a loop.
+    """Return a policy's spectral radius [1] by description of an arm in `corners`; None if it cannot be linearised.
 
-    The policy knows the arm's own values throughout. `corners` are the arms at the ends of ranges, see `corners_of`.
+    The policy keeps its model of the arm. `corners` are the arms at the ends of ranges, see `corners_of`.
     The control period is in s.
     """
     found: dict[str, float | None] = {}
@@ -171,7 +171,7 @@ def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period:
 
 
 def ends_in_words(ends: Mapping[str, float | None]) -> str:
-    """Return in words the spectral radius of each arm at the ends of ranges, the largest first."""
+    """Return in words the spectral radii of `ends_of`, the worst first: None, then the largest."""
     ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
     first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
     rest = "".join(f", {other}" for other in others)

@@ -55,12 +55,12 @@ class SweepResults:
         return SweepResults.of(own)
 
     def finished(self, key: str) -> np.ndarray:
-        """Return a metric (..., n) [its unit]; inf where the episode ended early."""
+        """Return the metric `key` (..., plants) in its own unit; inf where the episode ended early."""
         return np.where(self.completed, self.metrics[key], np.inf)
 
     @property
     def errors(self) -> np.ndarray:
-        """Largest tip error [mm], (policies, cases, n); inf where the episode ended early."""
+        """Largest tip error [mm], (policies, cases, plants); inf where the episode ended early."""
         return self.finished("max_mm")
 
 
@@ -73,9 +73,9 @@ def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) ->
 
 
 class Delay:
-    """The torque that reaches the motors at control step k: u_max(k-d, 0), for commands u_k and delays d (lanes,).
+    """The torque that reaches the motors at control step k: the command of step max(k - d, 0), for delays d (lanes,).
 
-    The first command u_0 is assumed to have been given before the first step as well, while the arm was at rest.
+    The first command is assumed to have been given before the first step as well, while the arm was at rest.
     """
 
     def __init__(self, delay: np.ndarray, joints: int) -> None:

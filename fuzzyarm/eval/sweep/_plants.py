@@ -47,7 +47,7 @@ class Plants:
     """
 
     def __init__(self, config: SweepConfig, members: Sequence[int], cases: Sequence[str]) -> None:
-        """Draw the plants with these indices in the sweep."""
+        """Draw the plants with the indices `members` in the sweep, each to be run in all `cases`."""
         self.config, self.seeds = config, [config.seed + member for member in members]
         cells = _cells(config, members)
         self.envs = _environment(config, cells, len(members), cases)
@@ -80,7 +80,7 @@ def _cells(config: SweepConfig, members: Sequence[int]) -> dict[str, np.ndarray]
 
 
 def _extras(ranges: Distribution, seeds: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return noise (n,), uniform in its range, and delay (n,), uniform among whole numbers of control periods."""
+    """Return for n seeds noise (n,), factors on `NOISE`, and delay (n,), whole control periods; uniform in `ranges`."""
     keys = np.concatenate([np.random.SeedSequence((seed, _EXTRAS)).generate_state(1, np.uint64) for seed in seeds])
     (low, high), (first, last) = ranges.noise, ranges.delay
     noise, delay = (uniform(keys, np.array([place], np.uint64)) for place in (0, 1))

@@ -182,7 +182,7 @@ class SweepConfig:
 
     @property
     def plane(self) -> tuple[str, ...]:
-        """The two columns of the heat maps; fewer if fewer vary. On a grid joint 1 represents all joints."""
+        """The two quantities on the heat maps' axes; fewer if fewer vary. On a grid joint 1 represents all joints."""
         if self.grid:
             names = [axis.quantity for axis in self.grid]
             return tuple(f"{name}_1" if QUANTITIES[name].arm_fields else name for name in names)

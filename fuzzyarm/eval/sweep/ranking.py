@@ -2,9 +2,9 @@
 
 The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: the
 error that a user must allow for without knowing the plant or the next load. Its interval reaches from the largest of
-the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. Smaller is better. A
-policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by
-the share of such episodes.
+the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. A policy that
+ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by the share of
+such episodes.
 
 Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. The
 number of plants may differ.
@@ -95,9 +95,9 @@ def is_sweep(path: Path) -> bool:
 
 
 def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
-    """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that contain them.
+    """Rank the policies of sweeps, given as `SUMMARY` files of `fuzzyarm sweep` or the folders that contain them.
 
-    The errors are those of `rank_policies`.
+    Its exceptions are those of `rank_policies`.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     again = "make it again with fuzzyarm sweep --out {}"
@@ -141,13 +141,13 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], d
 
 
 def _ends(quantile: dict[str, Any]) -> list[float]:
-    """Return a quantile in a file and the two ends of its interval [mm]; inf replaces None."""
+    """Return the value, low and high [mm] of a quantile read from a file; inf replaces None."""
     names = ("value", "low", "high")
     return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
 
 
 def _largest(found: Sequence[Sequence[float]]) -> MeanInterval | None:
-    """Return the largest quantile of the cases, with the largest ends of their intervals; None if it is infinite."""
+    """Return the largest value, low and high of the cases' quantiles (`_ends`); None if the value is infinite."""
     value, low, high = map(max, zip(*found, strict=True))
     if value == math.inf:
         return None

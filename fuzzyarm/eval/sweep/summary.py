@@ -5,12 +5,11 @@ smallest error that at least n p of the errors do not exceed. It is one of the e
 ended early.
 
 Confidence intervals are of 95 % and refer to the distribution that the plants were drawn from (for a grid: to plants
-chosen from it at random). Intervals of quantiles are percentile bootstraps. The quantile of a resample is one of the
-errors, at some rank r, and the distribution of r does not depend on the errors: `scipy.stats.bootstrap` resamples the
-ranks once, for all policies, cases and metrics. Such an interval cannot exceed the largest error. Therefore the
-interval of the 99 % quantile covers the true quantile in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in
-95 % from 3000 on. A success rate has Wilson's interval: where all plants succeed, every resample does too, and a
-bootstrap would claim certainty.
+chosen from it at random). Intervals of quantiles are percentile bootstraps. The rank of a resample's quantile has the
+same distribution for all errors, so `scipy.stats.bootstrap` resamples the ranks once, for all policies, cases and
+metrics. Such an interval cannot exceed the largest error. Therefore the interval of the 99 % quantile covers the true
+quantile in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A success rate has
+Wilson's interval: where all plants succeed, every resample does too, and a bootstrap would claim certainty.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ def _worst(episodes: SweepResults, count: int) -> np.ndarray:
 
 
 def _quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
-    """Return the `_QUANTILES` of values (n,), by level, with confidence intervals; values may be infinite."""
+    """Return the value, low and high of each of the `_QUANTILES` of values (n,), by level; None in place of inf."""
     ordered = [value if math.isfinite(value) else None for value in np.sort(values).tolist()]
     ranks, *ends = _quantile_ranks(len(ordered))
     found = {f"{p:g}": {"value": ordered[rank]} for p, rank in zip(_QUANTILES, ranks, strict=True)}
@@ -111,7 +110,7 @@ def _quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
 
 @functools.cache
 def _quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks (3,), from 0, of `_QUANTILES` among `count` values, of their lower and of their upper ends."""
+    """Return the ranks (3,), from 0, of `_QUANTILES` among `count` values, and of the low and high interval ends."""
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in _QUANTILES])
     if count == 1:
         return ranks, ranks, ranks

@@ -1,21 +1,21 @@
 """The weights of the adaptive observer: the smallest sum of the largest errors, each capped, over random arms.
 
-Objective [mm]: each arm has a largest tip error, which counts as at most `_CAP`, also if the episode ends early. The
-mean over the arms of a group plus `_TAIL` times the value of the worst arm is summed over the groups in `_GROUPS`, and
+Objective [mm]: an arm's value is its largest tip error, or `_CAP` if this is larger or the episode ends early. The mean
+over the arms of a group plus `_TAIL` times the value of the worst arm is summed over the groups in `_GROUPS`, and
 the largest tip error of the nominal arm without load and with encoder noise is added. The random arms follow random
-circles, lemniscates and lines that take at most 95 % of the torque limits under the heaviest load. They carry a payload
-of up to the arm's (Table 1: 5 kg). Half of them are under a force in a random direction from a random instant on, the
-other half under a force against the direction of travel, both of up to the arm's (250 N). The first group has the known
-arm. The second has masses and motor inertias within 10 % of the known ones, stiffness within 20 %, damping and friction
-within 50 %, torque constants within 10 %. The third adds encoder noise of up to twice the README's, and delays of the
-commands of up to two periods. The default reference is used only for the last error, and the cases with loads are not
-used.
+circles, lemniscates and lines that take at most 95 % of the torque limits under the heaviest load. They carry at most
+the payload of the case ``payload`` (Table 1: 5 kg). Half of them are under a force in a random direction from a random
+instant on, the other half under a force against the direction of travel, both of up to 250 N (Table 1; scaled for other
+arms). The first group has the known arm. The second has masses and motor inertias within 10 % of the known ones,
+stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. The third adds encoder noise of
+up to twice `_NOISE`, and delays of the commands of up to two periods. The default reference is used only for the last
+error, and the cases with loads are not used.
 
 The weights of `_BOX` are searched for. The others are fixed: they state prior knowledge (how far an arm may differ from
 the known one) or the confidence of a test (the dead zone: four standard deviations).
 
-The policy tolerates other loops only because it adapts: with frozen adaptation its loop is unstable if the loop gain is
-a few per cent off. The search therefore has no constraint on margins.
+The policy tolerates a changed loop only because it adapts: with frozen adaptation it is unstable if the loop gain is a
+few per cent off. The search therefore has no constraint on margins.
 
 The shipped weights come from the points of `ADAPTIVE_SEARCH` and two runs of Nelder-Mead with 24 evaluations, one from
 the best point and one from the first guess.
@@ -99,9 +99,9 @@ def _policy(arm: ArmParameters, bandwidth: float | None, weights: AdaptiveWeight
 
 @functools.lru_cache(maxsize=1)
 def _objective_for(arm: ArmParameters, bandwidth: float | None) -> Costs:
-    """Return the objective [mm] as a function of the logarithms (9,) of weights, see `_BOX`; its arms are built once.
+    """Return the objective [mm] as a function of the logarithms (9,) of weights, see `_BOX`.
 
-    The objective is `_UNFIT` if there is no regulator for the weights. `bandwidth` [rad/s] is that of `_policy`.
+    It is `_UNFIT` if there is no regulator for the weights. `bandwidth` [rad/s] is passed to `_policy`.
     """
     groups = [_random_arms(group, arm) for group in _GROUPS]
 
@@ -169,7 +169,7 @@ def _feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
 
 
 def _noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
-    """Return the largest tip error [mm] of the nominal arm, with encoder noise but no load; `_CAP` if it ends early."""
+    """Return the largest tip error [mm] of the nominal arm, with encoder noise; `_CAP` if the episode ends early."""
     env = gym.make("FuzzyArm-v0", disturbance=Disturbance(encoder_noise=_NOISE), parameters=policy.arm)
     steps = list(episodes(env, policy, env.reset(seed=_SEED)))
     return max(1e3 * float(step.info["tip_error"]) for step in steps) if steps[-1].completed else _CAP

@@ -1,7 +1,7 @@
-"""The result of one tuning step, kept in the folder so that a run can be resumed, and the loads of an arm.
+"""The result of one tuning step, kept in the folder so that a run can be resumed; and the largest loads in a search.
 
 The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; no
-search uses the cases with loads themselves.
+search simulates the cases with loads.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def periods_of(arm: AnyArm) -> int:
 
 
 def halving_radius(arm: AnyArm) -> float:
-    """Return the spectral radius [1] per control period with which deviations halve within the arm's motion."""
+    """Return the spectral radius over a control period with which deviations halve in the time of the arm's motion."""
     return float(0.5 ** (1.0 / periods_of(arm)))
 
 

@@ -6,11 +6,11 @@ its gain (12 dB), and 1.5 times with one extra sample of delay. Small deviations
 under every combination of: one extra sample of delay or none; joints 20 % softer or stiffer or as they are; and no
 further change, loop gain x 0.67, loop gain x 1.5 or the arm's payload at the tip. The policy knows the nominal arm
 throughout. Designs whose motor error is within `WORTH` of the smallest are equally good; of these the rule selects the
-one with the smallest float part of the tip's proven bound, see `largest_deviation`.
+one with which friction moves the tip least, see `largest_deviation`.
 
 The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
-inertias and (20 1/s)/α; the poles are those of Table 1, because the control period limits them. A decay rate is given
-up if no design with the largest γ, which has the smallest gains of the grid, meets the requirements.
+inertias and (20 1/s)/α; the poles are those of Table 1, because the control period limits them. A decay rate is
+rejected if no design with the largest γ, which has the smallest gains of the grid, meets the requirements.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ def _equals_of(made: Sequence[_Made]) -> list[_Made]:
 
 
 def _equals_in_words(equals: Sequence[_Made]) -> str:
-    """Return a sentence on how the deviation by friction decided between equally good designs, given best first."""
+    """Return a sentence on how far friction moves the tip with the equally good designs `equals`, the best first."""
     if len(equals) == 1:
         return f"No other motor error is within {100 * WORTH:g} % of the smallest, so the bound was not needed."
     best, worst = (one.measured["tip_deviation_mm"] for one in (equals[0], equals[-1]))

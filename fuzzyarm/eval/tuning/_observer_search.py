@@ -2,14 +2,14 @@
 
 Objective: the mean over random arms of the rms tip error, plus the largest tip error of the nominal case with encoder
 noise, both in mm. The arms follow the default reference with masses, motor inertias and stiffness within 10 % and
-damping and friction within 50 % of the policy's values, an unknown payload of up to the arm's (Table 1: 5 kg), an
-unknown tip force of up to the arm's (200 N) in any direction from some instant of the first half on, and encoder noise.
-The cases with loads are not used.
+damping and friction within 50 % of the policy's values, an unknown payload of up to that of the case ``payload``
+(Table 1: 5 kg), a tip force of up to 200 N (Table 1; scaled for other arms) in any direction from some instant of the
+first half on, and encoder noise. The cases with loads are not used.
 
-Constraint: on the sampled elastic arm the spectral radius is at most that with which a deviation shrinks to a hundredth
-in the movement, 0.997 for the 1500 periods of the paper's, in each of these conditions: loop gain as it is, x 0.67 and
-x 1.5, with and without a sample of delay; half a sample of delay; joints 20 % softer or stiffer; the arm's payload. The
-constraint is active: more accuracy costs margin.
+Constraint: on the sampled elastic arm a deviation shrinks to about a hundredth in the movement (spectral radius of at
+most 0.997 for the paper's 1500 periods) in each of these conditions: loop gain as it is, x 0.67 and x 1.5, with and
+without a sample of delay; half a sample of delay; joints 20 % softer or stiffer; the largest payload. The constraint is
+active: more accuracy costs margin.
 
 The shipped weights come from 64 points of the Sobol set and three runs of Nelder-Mead with 150 evaluations.
 """

@@ -41,7 +41,7 @@ _POINTS = 64  # of the Sobol set, of which a search uses the first ones; a power
 
 @dataclasses.dataclass(frozen=True)
 class Context:
-    """The arm of a tuning, its folder, the means of computation, and the earlier findings."""
+    """What the steps of a tuning share: the arm, the folder, the worker processes, and the earlier findings."""
 
     arm: Any
     folder: Path  # of the tuning; a step may write its controller file there
@@ -75,7 +75,7 @@ def nothing(reason: str, tried: int) -> Found:
 
 
 def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
-    """Return the spectral radius of a policy's loop by condition of `fuzzyarm margins`; None where there is no loop."""
+    """Return a policy's spectral radius by condition of `fuzzyarm margins`; None where it cannot be linearised."""
     return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
 
 
@@ -128,7 +128,7 @@ class WeightSearch:
         objective: Callable[[], Costs],
         notes: Sequence[str] = (),
     ) -> Found:
-        """Return the best weights for the policy `law(weights)`; `objective` is as in `best`."""
+        """Return the best weights for the policy `law(weights)`, with `notes`; `objective` is as in `best`."""
         best, first = self.best(context, objective)
         weights = self.usual if best is first else self.weights_of(np.array(best.logarithms))
         try:

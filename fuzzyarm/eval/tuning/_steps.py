@@ -1,9 +1,9 @@
 """The steps of tuning an arm: one for each policy, each by its rule in ``rules.json``.
 
-For a robot with more joints, a policy's parameters start from the limits found at random postures (`design_scheduled`,
-`bandwidth_for`, `weights_for`). The policy is then slowed down until its loop is stable in every condition of `fuzzyarm
-margins` along the default reference. A softer joint destabilises the elastic observer's estimate of the load, so this
-estimate is slowed down.
+For a `Robot`, of any number of joints, a policy's parameters start from the limits found at random postures
+(`design_scheduled`, `bandwidth_for`, `weights_for`). The policy is then slowed down until its loop is stable in every
+condition of `fuzzyarm margins` along the default reference; of the elastic observer, only the estimate of the load,
+which softer joints destabilise.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _assessed_bandwidth(arm: ArmParameters, bandwidth: float) -> dict[str, Any]:
 
 
 def _bandwidth_of(rows: list[dict[str, Any]], allowed: float) -> dict[str, Any] | None:
-    """Return the row that the rule picks, for the largest spectral radius allowed; None if no bandwidth qualifies."""
+    """Return the row of least motor error with enough gain margin and no radius above `allowed`; None without one."""
     eligible = [
         row
         for row in rows
@@ -128,7 +128,7 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 
 def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return the candidates up to the first that is stable in all conditions, each with its radii by condition."""
+    """Return (settings, radii by condition) of (settings, policy) candidates up to the first that is stable in all."""
     tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
         tried.append((made_from, measured_radii(policy, context.arm)))
@@ -139,7 +139,7 @@ def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]
 
 
 def _robot_gains(context: Context) -> Found:
-    """Return α, γ and fastest pole of the fastest stable design (if none, of the slowest); write its file."""
+    """Return α, γ and the fastest pole of the stable design with the largest α (if none, the least); write its file."""
     robot: Robot = context.arm
     rules, alpha, tried = min(RULES, 2 ** (len(robot) - 1)), None, 0
     while True:
@@ -158,7 +158,7 @@ def _robot_gains(context: Context) -> Found:
 
 
 def _robot_bandwidth(context: Context) -> Found:
-    """Return the largest bandwidth ω [rad/s] with a loop that is stable in all conditions; if none, the smallest."""
+    """Return the largest bandwidth ω [rad/s] whose loop is stable in all conditions; if none, the smallest tried."""
     robot: Robot = context.arm
     omegas = np.arange(bandwidth_for(robot, PERIOD), 0.0, -STEP).tolist()
     tried = _slowed_down(context, ((omega, ComputedTorquePolicy(robot, PERIOD, omega)) for omega in omegas))
@@ -167,7 +167,7 @@ def _robot_bandwidth(context: Context) -> Found:
 
 
 def _robot_observer(context: Context) -> Found:
-    """Return the weights of the elastic observer with the fastest walk of the load for which the loop is stable."""
+    """Return the elastic observer's weights with the largest stable `load_walk`; if none is, the least unstable."""
     robot: Robot = context.arm
     first = weights_for(robot, PERIOD)
     slower = (dataclasses.replace(first, load_walk=first.load_walk / factor) for factor in SOFTENINGS)

@@ -63,7 +63,7 @@ def _with_unit(name: str, value: float | None) -> str:
 
 
 def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict[str, Any]) -> str:
-    """Return the page of an arm that was tuned into a folder of this name; `margins` is from `measure_margins`."""
+    """Return the text of the README for a tuning in a folder of this name; `margins` is from `measure_margins`."""
     name = "A two-joint arm" if isinstance(arm, ArmParameters) else arm.name
     reference = default_reference(arm)
     parts = [
@@ -103,9 +103,9 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
 
 
 def _bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]) -> str:
-    """Return a sentence on the proven bounds of a policy's tip, with the proof command; "" without a bound.
+    """Return a sentence on the proven bounds of a policy's tip error, with the proof command; "" without a bound.
 
-    `policy` is the name in the folder of the tuning; `measured` is in its finding.
+    `policy` is its name in the folder of the tuning; `measured` has the bounds [mm], see `PROVEN_SETS`.
     """
     found = {name: measured.get(key) for name, (key, _) in PROVEN_SETS.items()}
     known = {name: bound for name, bound in found.items() if bound is not None}

@@ -83,7 +83,7 @@ def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
 
 
 def ranges_of(robot: Any) -> Ranges:
-    """Return the ranges of parameters in the file that ``robot`` names; empty if `corners_of` finds none."""
+    """Return the ranges of parameters in the file that ``robot`` names; empty if it names no file with ranges."""
     if not corners_of(robot):
         return Ranges()
     path = Path(robot) / IN_FOLDER
