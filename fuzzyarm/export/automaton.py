@@ -6,7 +6,7 @@ Let σ_j be the direction of motor j, or 0 if it sticks (Filippov). With u held 
 
 with motor torques u, joint torques Γ_t, viscous friction f_v and dry friction F; a motor sticks while
 |u - Γ_t| <= F(0). At each sample the clock is reset, and u becomes the output of the law, which is in a separate file.
-The equations are obtained by running the package's own plant functions on text, so there is no second copy of them.
+The equations come from running the package's plant functions on text, not a copy of them.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _xml(problem: Problem, constants: list[str]) -> str:
     period = repr(problem.period)
 
     def holds(j: int, mode: int) -> str:
-        """Return the condition under which motor j at rest is in a mode: -1 back, 0 stick, 1 forth."""
+        """Return the condition for motor j, at rest, to enter a mode: -1 backward, 0 stick, 1 forward."""
         sticks = f"{nets[j]} <= {static[j]} & {nets[j]} >= -{static[j]}"
         return (sticks, f"{nets[j]} >= {static[j]}", f"{nets[j]} <= -{static[j]}")[mode]
 
@@ -146,7 +146,7 @@ def _xml(problem: Problem, constants: list[str]) -> str:
 
 
 def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[str], Any]:
-    """Return texts of net torque u - Γ_t and static friction F(0) of motors, and the function for flows by modes."""
+    """Return as text the motors' net torques u - Γ_t, static frictions F(0), and derivatives as a function of modes."""
     assert isinstance(problem.parameters, ArmParameters)
     plant, factors = dynamics.plant_of(problem.parameters), {name: _Text(name) for name in constants}
     for field, names in _FACTORS.items():

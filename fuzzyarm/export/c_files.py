@@ -136,10 +136,8 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     """Write a policy as C99 into a folder, which must exist; return the files.
 
     The files are NAME.h, NAME.c and NAME_vectors.csv. The torques [N m] of the test vectors are those of the policy in
-    Python, or for float those of the compiled C; without a compiler there are then no test vectors. Files of another
-    law with the same names are not replaced.
-
-    The label of the policy names files and functions; `number`, "double" or "float", is the type of all numbers.
+    Python, or for float those of the compiled C; without a compiler there are then no test vectors. The label of the
+    policy names files and functions; `number`, "double" or "float", is the type of all numbers.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, the law is not accurate in float, or
@@ -221,7 +219,7 @@ def digest_of(source: str, name: str) -> str:
 
 
 def _cost_line(label: str, number: str, digest: str) -> str:
-    """Return the sentence on the cost of a law; a cost is stated only if exactly this source was measured."""
+    """Return the sentence on a law's cost, known only if the source of this `digest` and type `number` was measured."""
     found = json.loads(COSTS.read_text(encoding="utf-8"))
     rows = {core: row for core, row in found["laws"].get(label, {}).items() if row["sha256"] == digest}
     if not rows:
@@ -247,7 +245,7 @@ def certificate_lines(policy: Policy) -> list[str]:
 
 
 def _vectors(policy: Policy, law: Policy | _CompiledLaw) -> str:
-    """Return observations and the torques of a law in consecutive calls as CSV, with all digits."""
+    """Return random observations of `policy` and the torques of `law` in consecutive calls as CSV, with all digits."""
     joints, state = range(1, policy.joints + 1), None
     names = [f"{part}{joint}" for part in (*Observation._fields, "torque") for joint in joints]
     rows: list[list[Any]] = [["call", *names]]

@@ -1,8 +1,8 @@
 """A policy or plant as an FMI 2.0 co-simulation FMU: the exported C and the functions of FMI, as source and compiled.
 
-A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
-its torques are held during the step. A step of a plant is a whole number of control periods. A host that steps the
-controller, passes the torques on and then steps the plant reproduces the environment's loop, bit for bit.
+A communication step of a controller is its control period: the law acts on the inputs at its beginning, and its torques
+are held. A step of a plant is a whole number of control periods. A host that steps the controller, passes the torques
+on and then steps the plant reproduces the environment's loop, bit for bit.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     """Return the C source of an FMU: the template ``fmu.c``, with a text in place of each mark.
 
     `numbers` maps the marks to these texts: guid, given, shown, results and period; the code for include, ranges, show,
-    started and single; and allowed, the permitted step sizes in words. `name` is the name of the FMU.
+    started and single; and allowed, the permitted step sizes in words.
     """
     text = _TEMPLATE.read_text(encoding="utf-8")
     for function, arguments in (_IDLE | _EXCUSED).items():
@@ -209,7 +209,7 @@ def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
 def _write(
     name: str, sources: dict[str, str], variables: Sequence[_Variable], code: dict[str, str], folder: Path
 ) -> Path:
-    """Write an FMU and return its path; its GUID is a hash of its content. `code` maps marks, see `_fmu_source`."""
+    """Write an FMU, its GUID a hash of its content, of `sources` (C by file name) and `code` (see `_fmu_source`)."""
     settable = variables[: int(code["given"]) + int(code["shown"])]
     ranges = [f'    {{"{one.name} [{one.unit}]", {one.low!r}, {one.high!r}}}' for one in settable]
     code = {**code, "ranges": ",\n".join(ranges)}

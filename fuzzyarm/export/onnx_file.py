@@ -1,8 +1,8 @@
 """A policy as ONNX: observation and memory in, torque and memory out, for any number of lanes, in double precision.
 
 A lane is one arm. The graph has the operations of the recorded program from which C is also written. Loops are
-unrolled. Both sides of a branch are computed, and each lane selects the values of its own side. onnxruntime gives the
-values of the policy, except that its Where returns 0 for -0.
+unrolled; both sides of a branch are computed, and each lane selects its own. onnxruntime gives the policy's values,
+except that its Where returns 0 for -0.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class _Graph:
         return self._node("Where", condition, self._name(first), self._name(second))
 
     def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
-        """Add an operator, unless it has the inputs of an earlier one, and return the name of its output."""
+        """Add a node, unless one has the same operator, inputs and attributes; return the name of its output."""
         if len(self._nodes) >= _MOST:
             raise Unsupported(f"with its loops unrolled, it has more than {_MOST:,} operations; export it as C instead")
         return self._nodes.setdefault((operator, inputs, tuple(attributes.items())), f"n{len(self._nodes)}")
@@ -191,7 +191,7 @@ class _Graph:
 
 
 class _Run:
-    """A run of a program on the numbers of a graph; `outputs` are the numbers of all ports after the run."""
+    """A run of a program that adds its operations to a graph; `outputs` are all ports' final numbers, see `_Graph`."""
 
     def __init__(self, graph: _Graph, program: Program, inputs: Sequence[Any]) -> None:
         self._graph, self._program = graph, program
@@ -264,7 +264,7 @@ class _Run:
         return contents[int(memory.removeprefix("table"))]
 
     def _called(self, function: Any, operands: list[Any]) -> list[Any]:
-        """Return the results of a separate function of the program; `operands` are the arguments that it needs."""
+        """Return the results of a function that the program calls, added to the graph once for the same arguments."""
         key = (function.name, *map(repr, operands))
         if key not in self._graph.calls:
             given, results = function.program.ports

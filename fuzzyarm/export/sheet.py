@@ -57,7 +57,7 @@ class _LawSheet:
     invariant: InvariantSet | None  # states from which the arm stays in the certificate's box; None also for -tip laws
 
     def to_text(self) -> str:
-        """Return the sheet as readable text; numbers have ten digits."""
+        """Return the sheet as readable text; numbers have ten significant digits."""
         lines = [f"{self.policy}: {self.law}", "", *(f"  {line}" for line in self.equations)]
         for heading, quantities in (("numbers", self.quantities), ("one state to check against", self.check)):
             lines += ["", f"{heading}:"]
@@ -96,8 +96,8 @@ _Law = tuple[str, tuple[str, ...], tuple[_Symbol, ...]]  # title, equations and 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
     """Return the values of a certificate by name, as texts with units, rounded in the safe direction.
 
-    They follow from the controller's inequalities. If the policy leaves the box of these inequalities along its
-    reference, the entry ``claim`` says that they are void.
+    They follow from the controller's inequalities. If the policy leaves their box along its reference, the entry
+    ``claim`` says that they are void.
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")

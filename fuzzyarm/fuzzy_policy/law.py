@@ -4,7 +4,7 @@
 
 `memory` is a tree of numbers, all zero when an episode begins; each part of `seen`, an `Observation`, is a record with
 one number per joint; `constants` is a tree of floats; rows of a table are read by `numbers.functions.row`. Torques are
-not clipped. The function can be run with floats; machine code and C are generated from a recording of its operations.
+not clipped. It runs with floats, too; machine code and C are generated from a recording of its operations.
 """
 
 from __future__ import annotations
@@ -49,7 +49,10 @@ def within(torque: Any, limit: Any) -> Any:
 
 
 def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..., tuple[Any, Any]]:
-    """Return ``command(memory, seen, (constants, limit), *tables)``, the law clipped as by `Policy.command`."""
+    """Return ``command(memory, seen, (constants, limit), *tables)``: the law, with torques clipped to ±`limit` [N m].
+
+    Integrals in the memory, from index `integral_at` on (None: none), are held as by `held_at_limits`.
+    """
 
     def command(memory: Any, seen: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         constants, limit = given
@@ -94,7 +97,7 @@ class LawPolicy(Policy):
         self._act_kernel((memory, observation, torque), self._constants, self.control_law.tables)
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
-        """Evaluate the law within the torque limits, see `Policy.command`."""
+        """Fill `torque`, within its limits, and return False if one is not a number, see `Policy.command`."""
         if not self._lawful:
             return super().command(observation, memory, torque)
         alone = self._alone
@@ -147,7 +150,7 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A compiled law for one arm, with arrays of its own per thread: copying is faster than locating the caller's."""
+    """A compiled law for one arm, run on arrays of its own per thread: copying is faster than passing the caller's."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque

@@ -55,7 +55,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff includes dry friction (else 0), and the periods T by which it is extrapolated."""
+    """Links, motors, T [s], 1 if u_ff includes dry friction (else 0), and by how many periods u_ff is extrapolated."""
 
     arm: Any
     drives: Drives
@@ -86,14 +86,14 @@ def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) ->
 
 
 def dry_friction_ahead(velocity: Any, acceleration: Any, dry: Any, c: TargetConstants) -> Any:
-    """Return a motor's dry friction [N m], with parameters `dry`, `c.ahead` periods after it has this velocity."""
+    """Return a motor's dry friction [N m] after `c.ahead` periods, given its motion now and the parameters `dry`."""
     middle = velocity + c.ahead * c.period * acceleration
     return stribeck_magnitude(middle, dry) * sign(middle)
 
 
 @functools.cache
 def target_of(physics: Physics) -> Any:
-    """Return ``target(past, seen, constants)`` for arms with these equations; it returns (next `Past`, `Aim`, u_ff)."""
+    """Return ``target(past, seen, constants)`` for these equations: it finds the next `Past`, `Aim` and u_ff [N m]."""
 
     def target(past: Past, seen: Observation, c: TargetConstants) -> tuple[Past, Aim, tuple[Any, ...]]:
         torque = physics.inverse_dynamics(seen.q_reference, seen.dq_reference, seen.ddq_reference, c.arm)
@@ -123,8 +123,7 @@ class ElasticTarget:
     ) -> None:
         """Set up the target for the arm as the controller knows it and T [s], which must be positive.
 
-        `friction` says whether u_ff includes dry friction, `average` whether u_ff is computed for the middle of the
-        next hold rather than its start.
+        `friction` says whether u_ff includes dry friction, `average` whether it is for the middle of the next hold.
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
         self._joints, self.memory_size = physics.joints, len(flat(past_of(physics.joints)))

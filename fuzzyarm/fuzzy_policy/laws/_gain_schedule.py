@@ -3,7 +3,7 @@
 The mass matrix of the two-joint arm depends on cos q2 alone: its gains are tabulated at nine values of cos q2 and
 interpolated linearly. A robot's gains are tabulated over the two angles on which its mass matrix depends most: those
 with the largest normalised |E[M | q_j] - E[M]|², where E[M | q_j] is the mean over the other angles. Each angle has
-eight points around the circle. The gains at a point are designed for the mean of M over the other angles, and are
+eight points around the circle. The gains at a point are designed for the mean of M over the others, and are
 interpolated linearly in each angle.
 """
 
@@ -115,7 +115,7 @@ def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
 
 
 def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
-    """Return copies of `angles` (samples, n) [rad], the `kept` ones set to each point; the last changes fastest."""
+    """Return copies of `angles` (samples, n) [rad] with joints `kept` at each grid point; the last varies fastest."""
     turned = []
     for place in itertools.product(2.0 * np.pi * np.arange(_POINTS) / _POINTS, repeat=len(kept)):
         q = angles.copy()
@@ -144,7 +144,7 @@ def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list
 
 
 def on_table(table: Any, corners: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
-    """Return y + sign G x; G (len(y), len(x)) is the sum of the table's rows weighted as `corners_of` returns."""
+    """Return y + sign G x; G (len(y), len(x)) is a weighted sum of table rows, (row, weight) in `corners`."""
     if RECORDERS and hasattr(RECORDERS[-1], "interpolated"):
         return RECORDERS[-1].interpolated(table, corners, sign, x, y)  # type: ignore[no-any-return]
     for place, weight in corners:

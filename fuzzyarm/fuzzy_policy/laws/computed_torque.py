@@ -2,8 +2,7 @@
 
     u = M(q) (q̈_d - 3ω ė - 3ω² e - ω³ x_I) + C(q, q̇) q̇ + g(q) + f_v q̇,      e = q_a - q_d,   x_I = ∫ e dt,
 
-M includes the motor inertias, and q and q̇ are measured at the motors. On the rigid arm the loop has a triple pole at
--ω.
+M includes the motor inertias, and q and q̇ are measured at the motors. The rigid arm's loop has a triple pole at -ω.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class ComputedTorquePolicy(LawPolicy):
     def __init__(
         self, parameters: AnyArm | None = None, control_period: float = 1e-3, bandwidth: float | None = None
     ) -> None:
-        """Prepare the law for an arm (default Table 1), a period [s] and ω [rad/s], by default `bandwidth_for` them."""
+        """Prepare the law for an arm (default Table 1), a period [s] and ω [rad/s] (default: see `bandwidth_for`)."""
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
         self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
@@ -57,7 +56,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 
     The value for the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py`` (commit 2839bc83): the
     largest that stays stable with twice the loop gain and with one sample of delay. The same rule applies to a robot at
-    random postures of its range: the largest of 70, 65, ..., 5 rad/s that is stable, and 5 rad/s if none is.
+    random postures of its range: the largest of 70, 65, ..., 5 rad/s that is stable, or else 5 rad/s.
     """
     if not isinstance(arm, Robot):
         return _BANDWIDTH

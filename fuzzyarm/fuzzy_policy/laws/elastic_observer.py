@@ -10,11 +10,11 @@ and links, and an unknown torque d on the links (a tip force, a payload), modell
 θ_d and u_ff are those of `elastic_target`; K_t⁻¹ d̂ is the bending that the joints need not provide because d̂ supports
 the links. The prediction uses the clipped torque, which the motors apply, so there is no windup at a limit.
 
-`SmoothObserverPolicy` predicts with the dry friction at θ̇_d instead of the friction at the estimated velocity:
+`SmoothObserverPolicy` predicts with the dry friction at θ̇_d instead of the estimated velocity:
 
     predict   (x̂, d̂)⁻ = the step of the nominal elastic arm without dry friction under u - μ(|θ̇_d|) sign θ̇_d.
 
-Its prediction has no sticking, hence no branches, so its motions over a set of arms can be enclosed.
+It has no sticking, hence no branches, so its motions over a set of arms can be enclosed.
 
 K and L are tabulated by `observer_gains` over the angles of `gain_schedule` and interpolated. d̂ provides the integral
 action: a constant torque on the links leaves no error at the tip.
@@ -58,8 +58,8 @@ _STATICS_STEPS = 20  # fixed-point iterations for the first estimate; for Table 
 class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
-    The memory contains the memory of `ElasticTarget`, a flag that is 1 after the first sample, and the prediction
-    (x̂, d̂)⁻. `feedback` and `observer` are K (points, n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule.
+    The memory is an `Observed`. `feedback` and `observer` are K (points, n, 4 n) and L (points, 5 n, 2 n) at the
+    points of the schedule.
     """
 
     _smooth = False  # whether the prediction is without dry friction
@@ -104,7 +104,7 @@ class ElasticObserverPolicy(LawPolicy):
 
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
-        """The arguments of `steps_of`: the equations of the arm, and the angles over which gains are tabulated."""
+        """The arguments of `steps_of`: the arm's equations, and `kept`, `cosine` and `points` of its `GainSchedule`."""
         return equations_of(self.parameters), *self._schedule[:3]
 
     def _know(self, parameters: AnyArm) -> None:
@@ -130,7 +130,7 @@ class Observed(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """Constants of the law: of the target, torque limits [N m], length [s] and number of the prediction's sub-steps."""
+    """The law's constants: the target's, torque limits [N m], length [s] and number of the prediction's sub-steps."""
 
     target: TargetConstants
     limit: Any
@@ -151,10 +151,10 @@ class _Corrected(NamedTuple):
 
 @functools.cache
 def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> tuple[Any, Any, Any]:
-    """Return the functions correct, act and predict for arms with these equations and gains as in `GainSchedule`.
+    """Return the functions correct, act and predict for arms with these equations; see `GainSchedule` for the rest.
 
-    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by the measurements and returns a `_Corrected`.
-    ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].
+    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by the `Observation` `seen` and returns a `_Corrected`.
+    ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m] for a `_Corrected` and `Constants`.
     ``predict(x, applied, c, arm)`` returns (x̂, d̂)⁻ of the next sample, for the arm under the applied torques.
     """
     target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints

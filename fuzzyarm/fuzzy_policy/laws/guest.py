@@ -77,7 +77,7 @@ class ShieldedPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law | None:  # type: ignore[override]
-        """The law with the guest in its shield; None if the guest has no `Law`."""
+        """The law that clips the guest's torque to within δ of the torque of `law`; None if the guest has no `Law`."""
         law, guest = law_of(self.law), law_of(self.guest)
         if law is None or guest is None:
             return None

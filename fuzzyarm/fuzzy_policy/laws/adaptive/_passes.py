@@ -2,24 +2,24 @@
 
 A pass is an episode along one reference; its state stores measurements and commands. `begin_pass` finds the tip
 force that explains all measurements, given the final estimates of the arm's constants, the payload and the delay. The
-force of pass j is the expected force plus the forces f found by `_Smoother`,
+force of pass j is the expected force plus f_t along the direction of travel t and a free F_s, found by `_Smoother`,
 
-    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a zero-phase Butterworth filter,
+    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a zero-phase Butterworth filter.
 
-with the direction of travel t. The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces
-estimated while the constants still changed would count a load twice if it moved from a force to the payload.
+The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces estimated while the constants
+still changed would count a load twice if it moved from a force to the payload.
 
-The payload's share of F_1 follows from the variation of F_1. F_1 is linear in the assumed payload m,
+The payload's share of F_1 follows from its variation. F_1 is linear in the assumed payload m,
 F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload for which the force has the least total variation,
 
     min_{m ≥ 0} Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
 
 A force that represents a payload varies with the tip's acceleration, as does a force estimated with a wrong payload. In
-later passes the force varies too little to determine the payload. A regulator scheduled by a negative payload, which
-the filter allows because links may be lighter than modelled, loses a heavier arm.
+later passes the force varies too little to determine the payload. A law that assumes a negative payload, which the
+filter allows because links may be lighter than modelled, loses control of a heavier arm.
 
 A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
-position; payload, constants and delay keep their learned values. The next pass starts with nothing learned.
+position; payload, constants and delay keep their learned values.
 """
 
 from __future__ import annotations
@@ -104,8 +104,7 @@ class AdaptivePasses(PassLearner):
         """Return the state with which the next pass begins, see `PassLearner`.
 
         It keeps the filter's estimates of the arm's constants, delay and payload, and the expected force at each
-        sample. Everything else is reset: motors and links, the deviation of the force, commands and noise. Lanes with a
-        diverged filter and lanes that have left the previous pass's path keep nothing.
+        sample. Everything else is reset. Lanes with a diverged filter or off the previous pass's path keep nothing.
         """
         state = self._checked(state)
         if not state.references:
@@ -177,13 +176,13 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
 
 
 def _lines(force: np.ndarray) -> np.ndarray:
-    """Return force lines, mean and change to the next sample, (samples, lanes, 2 axes); the last change is zero."""
+    """Return the mean of a force over each period and its change, (samples, lanes, 2 · axes); the last change is 0."""
     later = np.concatenate([force[1:], force[-1:]])
     return np.concatenate([0.5 * (force + later), later - force], axis=2)
 
 
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
-    """Return the expected force (lanes, `KEPT` + 1, axes) at this sample, the samples before it, and the next one."""
+    """Return the expected force (lanes, `KEPT` + 1, axes) at `sample`, back from it, at the next; 0 on `other_path`."""
     window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
@@ -268,7 +267,7 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return filter memories (lanes, size) before the first sample, which measures `measured` (lanes, 2 n)."""
+        """Return memories before the first sample `measured`, from `early` after it, with the constants of `known`."""
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
         memory[:, FLAG.calm], z = 0.0, memory[:, at.z]

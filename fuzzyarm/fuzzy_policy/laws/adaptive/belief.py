@@ -92,7 +92,7 @@ class AdaptiveWeights:
 
 
 def unit_force(arm: AnyArm) -> float:
-    """Return the force [N] at the tip of the stretched arm that needs the torque limit of the first motor."""
+    """Return the force [N] at the tip, across the stretched arm, that loads the first motor with its torque limit."""
     if isinstance(arm, Robot):
         return float(arm.drive("torque_limit")[0] / reach(arm))
     return arm.torque_limit[0] / sum(arm.length)
@@ -162,7 +162,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
 
 
 def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
-    """Return the vector a (k,) of an arm's constants with a payload [kg] and factors (n,) by the names `FACTORS`."""
+    """Return the vector a (k,) of an arm with a payload [kg] and constants times `factors` (n,), named in `FACTORS`."""
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
     drawn["dry_friction"] = drawn.pop("friction")
@@ -202,12 +202,12 @@ class ArmFunctions:
         return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
 
     def drive(self, numbers: Any, joint: int) -> Drives:
-        """Return the parameters of a joint's motor and spring for the vector a, `numbers`."""
+        """Return the parameters of a joint's motor and spring from `numbers`, the vector a."""
         found: Drives = filled(Drives, (numbers[k] for k in self._drives[joint]))
         return found
 
     def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
-        """Advance states (4 n, copies) by `substeps` of h [s] under torques [N m], force lines [N], see `Scratch`."""
+        """Advance states (4 n, copies) by `substeps` of h [s] under torques [N m], forces [N], see `filter._Copies`."""
         physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))

@@ -12,7 +12,7 @@ functions are recorded and work in place on one lane's arrays, which determine t
     λ = max(0, 1 - a/ν²)
 
 of a correction, where a is a multiple of the noise variance: samples that sensor noise alone can explain do not change
-the constants. Without this dead zone the estimated stiffness drifts with the noise. The covariance is updated as in the
+the constants. Without this dead zone the stiffness drifts with the noise. The covariance is updated as in the
 partial update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
 The forces drift little while only noise corrects them. With c_k the correction of the forces by sample k, in N, and
@@ -20,13 +20,13 @@ means over about the last ten samples,
 
     s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
-Corrections by noise have random directions, so that s is about 0.05. Corrections by a moving force have one direction,
-and s goes to 1. Calm rises slowly and falls immediately. The random walk of the forces is scaled by
-(1 - calm) + `calm_walk` calm. When calm falls, their variance also grows by `reopening` seconds of walk.
+Corrections by noise have random directions, and s is about 0.05; those by a moving force have one, and s goes to 1.
+Calm rises slowly and falls at once. The random walk of the forces is scaled by (1 - calm) + `calm_walk` calm. When calm
+falls, their variance also grows by `reopening` seconds of walk.
 
 A motor's torque may be wrong by the fraction w (Δu/u_max)² of its limit u_max, with w = `torque_doubt` and the largest
 jump Δu of the commands on their way to the motors. A wrong torque constant or delay acts through such jumps, and its
-effect on the motors would be mistaken for a load.
+effect would be mistaken for a load.
 
 A filter may converge to a wrong delay. If the innovations are larger than it expects, the variance of the delay grows:
 a sample with a mean ν²/s of 1 + a adds `_LATENESS_DOUBT` a, up to the initial variance. The same holds for a factor
@@ -42,10 +42,10 @@ payload l (the first entries of p), their initial guess l_0, and the state x,
     d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
 
-ρ is the estimated noise variance divided by the variance that the filter assumes for a measured angle, the largest
-ratio of all joints. A load within c standard deviations of that noise has no effect; a load far beyond is hardly
-reduced (the positive-part James-Stein estimator). ρ is 0 without noise, calm is 0 where corrections have a direction,
-and in both cases s is 1. x_a is the mean of x, given l_a. The filter itself continues with x and l.
+ρ is the largest ratio, of all joints, of the estimated noise variance to the one assumed for a measured angle. A load
+within c standard deviations of that noise has no effect; a load far beyond is hardly reduced (the positive-part
+James-Stein estimator). s is 1 without noise (ρ = 0) and where corrections have a direction (calm = 0). x_a is the mean
+of x, given l_a. The filter itself continues with x and l.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class Settings:
 
 
 class _Copies(NamedTuple):
-    """Copies of the arm, one in each column."""
+    """Copies of the arm that differ in state, torques, force or constants; a column of each array is one copy."""
 
     state: Any  # (4 n, copies)
     torque: Any  # (n, copies)
@@ -219,7 +219,7 @@ class Scratch:
 
 
 def correct(m: Memory, s: Settings, room: Scratch, seen: Observation) -> None:
-    """Correct the estimate z and its covariance P by a sample, and fill `acted`; a diverged filter does not change."""
+    """Correct z and its covariance P by a sample unless the filter has diverged; fill `room.acted`, the z to act on."""
     for i in each(len(room.acted)):  # also for a diverged filter, so that every entry is defined
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -307,9 +307,8 @@ def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
 
     Without noise, e is 0 for a torque that is constant between two samples, and e hardly changes if the loop vibrates:
     a vibration at ω caused by the commands appears as about (ωT)³/12 of its amplitude or less. σ² is the mean over all
-    samples from the third on (the first change of e), until the weight `share` has fallen to `_NOISE_SHARE`.
-
-    σ² determines the variances of the measurements and the dead zone.
+    samples from the third on (the first change of e), until the weight `share` has fallen to `_NOISE_SHARE`. σ²
+    determines the variances of the measurements and the dead zone.
     """
     joints, samples = len(m.noise), m.flags[FLAG.samples]
     share = maximum(_NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
@@ -353,7 +352,7 @@ def update(m: Memory, s: Settings, room: Scratch) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Increase the variances of delay and common factor if the result of `update` exceeds 1 by `surprise`."""
+    """Increase the variances of the delay and of the constants' common factor, for a mean ν²/s of 1 + `surprise`."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
     m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
@@ -368,7 +367,7 @@ def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
 
 
 def _note_moves(m: Memory, s: Settings, before: Any) -> None:
-    """Update `calm` and the variances of the forces after a correction of the forces `before` (forces,)."""
+    """Update `calm` and the variances of the forces after a correction; the forces were `before` (forces,) [N]."""
     first, forces = len(m.z) - len(s.guess), len(before)
     for i in each(forces):
         m.moves[i] += _SHARE * (m.z[first + i] - before[i] - m.moves[i])
@@ -422,7 +421,7 @@ def _finite(m: Memory) -> Any:
 
 
 def _significant(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill `room.acted` with z, but its load reduced to l_a and its state x to x_a, see the module's docstring."""
+    """Fill `room.acted` with z, in which l_a replaces the load and x_a the state x, see the module's docstring."""
     joints, loads, acted, ratio = len(m.noise), len(s.reopening) + 1, room.acted, array(1)
     states, deviation, factor = 4 * joints, array(loads), array(loads, loads)  # P_ll⁻¹ (l - l_0), and L of P_ll = L Lᵀ
     ratio[0] = 0.0
@@ -534,7 +533,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return the command [N m] to a joint at index `place`, by selection: no array index depends on data."""
+    """Return a joint's command [N m], the newest for `place` 0, by selection: no array index depends on data."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -542,7 +541,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 
 
 def fill(copies: _Copies, z: Any, room: Scratch) -> None:
-    """Fill states and forces of copies of the arm from z, and vector a from `room`, but not the torques."""
+    """Fill states and forces of copies of the arm from z, and their vectors a from `room`; torques do not change."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
         for i in each(states):
@@ -559,7 +558,7 @@ def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_sl
     """Fill the copies: first the estimate, then each entry of z a step ahead, then each motor velocity a step behind.
 
     A motor velocity's step is its standard deviation, because a sticking joint would not respond to a small step.
-    `torque` (n,) [N m] is the torque of the motors, `torque_slope` (n,) its derivative with respect to the delay.
+    `torque` (n,) [N m] is that of the motors, `torque_slope` (n,) its derivative with respect to the delay.
     """
     state, torques, force, numbers = room.copies
     joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
@@ -588,7 +587,7 @@ def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_sl
 
 
 def _step(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill F, the derivative of x by z over a period, from the advanced copies, and advance z and P."""
+    """Fill F, the derivative of x after a period with respect to z, from the advanced copies; advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):
@@ -616,7 +615,7 @@ def _step(m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def _spread_out(m: Memory, s: Settings) -> None:
-    """Adjust the noise that `_step` added to P: less for calm forces, more for motors after a jump of the torque."""
+    """Adjust the noise that `_step` added to P: reduce it for calm forces, raise it for motors after a torque jump."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = 1.0 - (1.0 - s.weights.calm_walk) * m.flags[FLAG.calm]
     for force in each(len(s.reopening)):

@@ -9,8 +9,8 @@ the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the re
 d control periods ahead, when the command reaches the motors: x is advanced by the pending commands, x_d by its
 derivatives. K is a linear quadratic regulator, scheduled over posture and payload, see `regulator`.
 
-If the filter diverges, `Beliefs.diverged` is set, and `Policy.act` uses the law `fallback` from then on. The same holds
-if the commands oscillate (`AdaptiveWeights.largest_swing`).
+If the filter diverges or the commands oscillate (`AdaptiveWeights.largest_swing`), `Beliefs.diverged` is set, and
+`Policy.act` uses the law `fallback` from then on.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 class Beliefs:
     """Estimates of the adaptive observer for n joints, each with its own standard deviation.
 
-    The filter divides a load between masses and forces: a payload may appear as a force, and a force as a payload.
+    The filter divides a load between masses and forces: a payload may appear as a force, or the reverse.
     """
 
     force: np.ndarray  # at the tip [N], (..., axes)
@@ -71,8 +71,7 @@ class Beliefs:
 class AdaptiveObserverPolicy(LawPolicy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
-    `belief` and `memory` are the slices of the parts of p and of the filter's memory; `fallback` acts in lanes with a
-    diverged filter.
+    `belief` and `memory` are the slices of the parts of p and of the filter's memory.
     """
 
     def __init__(
@@ -82,7 +81,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         weights: AdaptiveWeights | None = None,
         fallback: Policy | None = None,
     ) -> None:
-        """Design the regulator for the arm as the controller knows it and T [s].
+        """Design the regulator for the arm as the controller knows it (default Table 1) and a control period [s].
 
         By default the weights are those of `adaptive_weights_for` and `fallback` is computed torque at the tip.
         ValueError if the control period is out of range, or there are no gains for these arguments.
@@ -122,7 +121,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return ``answer(memory, seen, given, *tables, known, admit)``; `Scratch` explains `known`, `Law` `admit`."""
+        """Return ``answer(memory, seen, given, *tables, known, admit)``; see `Scratch` (`known`), `Law` (`admit`)."""
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 

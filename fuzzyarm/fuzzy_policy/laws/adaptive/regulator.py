@@ -1,6 +1,6 @@
 """The torque of the adaptive observer for an estimate z: target, feedforward and regulator; the law is in `policy`.
 
-The regulator K is tabulated over the posture and over the payload. `AdaptiveWeights` were tuned for the two-joint arm,
+The regulator K is tabulated over posture and payload. `AdaptiveWeights` were tuned for the two-joint arm,
 for which the table follows the mass matrix. If a robot's mass matrix depends on more angles, the gains are designed for
 a mean, and the loop may be unstable in part of the range, even with a known state. The substitutions
 
@@ -9,8 +9,8 @@ a mean, and the loop may be unstable in part of the range, even with a known sta
 with a factor s ≥ 1 weaken the feedback and the need for a soft start. s is the smallest of `SOFTENINGS` for which the
 loop with a known state is stable at random postures, for the modelled joint stiffness and for 20 % less and more.
 
-An episode begins with a fraction of K. With the full K, motors stronger or more delayed than modelled would
-oscillate until the filter adapts.
+An episode begins with a fraction of K: with all of it, motors stronger or more delayed than modelled would oscillate
+until the filter adapts.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
 def _gain_share(m: Memory, s: Settings) -> Any:
     """Return the factor on K at this sample: `first_gain` in the soft start, then growing to 1 in the same time.
 
-    It is 1 immediately if an earlier pass has learned the strength and delay of the motors.
+    It is 1 at once if an earlier pass has learned the motors' strength and delay.
     """
     past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
     share = s.weights.first_gain + (1.0 - s.weights.first_gain) * minimum(maximum(past, 0.0), 1.0)
@@ -122,7 +122,7 @@ def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill in `room` the arm's vector a, the directions of travel, their force lines, and τ_d of the references."""
+    """Store in `room`, for the estimate z: vector a, directions of travel, force lines, and τ_d of the references."""
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
@@ -148,7 +148,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def _advance(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill the state of `room.one` with x at the time when the next command acts, after all pending commands."""
+    """Fill `room.one.state` with x of the estimate z, advanced by all pending commands until the next one acts."""
     torque = room.one.torque
     joints, lateness = len(torque), z[len(z) - 1]
     offset, whole = len(z) - 1 - joints, floor(lateness)
@@ -166,7 +166,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
-    """Fill `torque` (n,) [N m], the law for the time at which it reaches the motors, and store it clipped."""
+    """Fill `torque` (n,) [N m], computed for when it reaches the motors, and store it, clipped, in `m.commands`."""
     joints, period = len(m.noise), s.period
     p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
     lateness = p[len(p) - 1]
@@ -193,7 +193,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None
 
 
 def _target(m: Memory, room: Scratch, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the `motor_target` of a joint for the reference `back` samples ago, with the current p."""
+    """Return a joint's θ_d, θ̇_d, θ̈_d and u_ff by `motor_target`, for its reference `back` samples ago and current p."""
     q, dq, ddq = (m.references[back, order, joint] for order in range(3))
     torques = [room.link_torque[back + k, joint] for k in range(4)]
     return motor_target(torques, q, dq, ddq, drive, period)

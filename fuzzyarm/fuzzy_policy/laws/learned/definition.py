@@ -1,6 +1,6 @@
 """Data that define the observations and actions of a learned policy, as part of a bundle.
 
-This module loads no policy code, so that the command line can read these definitions quickly.
+This module loads no policy code, so that the command line reads it quickly.
 """
 
 from __future__ import annotations
@@ -64,16 +64,16 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0``; with `history` past errors and actions and, if > 0, an integral."""
+    """Return features of ``FuzzyArmLearn-v0``; `history` > 0 adds an integral and as many past errors and actions."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
 @dataclasses.dataclass(frozen=True)
 class ActionDefinition:
-    """The meaning of an action a in [-1, 1]ⁿ: the torque u = `scale` · a, or with a base a shift of the base's target.
+    """The meaning of an action a in [-1, 1]ⁿ: the torque u = `scale` · a, or a shift of the target of a policy, `base`.
 
-    A base receives q_a - `scale` · a as the motor angles, so that it moves the motors to its target plus `scale` · a.
-    A torque added to the base's torque would have no lasting effect: the base's integral would cancel it.
+    The base receives q_a - `scale` · a as the motor angles, so that it moves the motors to its target plus `scale` · a.
+    A torque added to the base's would have no lasting effect: its integral would cancel it.
     """
 
     # one value per joint, for a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
@@ -100,7 +100,7 @@ class ActionDefinition:
         return math.exp(-period / time) if time > 0.0 else 0.0
 
     def calls(self, control_period: float) -> int:
-        """Return the number of control periods [s] for which an action is held; ValueError if it is not whole."""
+        """Return for how many periods of `control_period` [s] an action is held; ValueError if not a whole number."""
         checked_period("control_period", control_period)
         calls = round(self.period / control_period)
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:

@@ -128,7 +128,7 @@ class Features:
 
 
 def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int:
-    """Write numbers, or their asinh divided by `squashed`, into an array from index `at`; return the next index."""
+    """Write numbers, or their asinh over `squashed` if not 0, into an array from index `at`; return the next index."""
     for k, number in enumerate(numbers):
         out[at + k] = number
     if squashed:
@@ -138,10 +138,10 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
 
 
 def guided(base: Policy | None, name: str | None = None, *, beside: bool = False) -> Law:
-    """Return the law ``act(memory, seen, told, constants, *tables)`` of a base policy whose target actions shift.
+    """Return the law ``act(memory, seen, told, constants, *tables)`` that shifts a base policy's target by `told`.
 
-    `told` is scale · a (n,). Without a base, it is the torque; if `beside` is true, it is added to the base's torque
-    instead. ValueError if the base called `name` has no law.
+    `told` is scale · a (n,): the torque, if there is no base. If `beside` is true, it is added to the base's torque,
+    and the target stays. ValueError if the base, called `name`, has no law.
     """
     if base is None:
         return Law(lambda memory, seen, told, given: (memory, told), (), ())

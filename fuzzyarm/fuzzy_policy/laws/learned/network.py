@@ -3,10 +3,10 @@
     h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
 where s is tanh or max(x, 0), and o is tanh or clips to ±1. PPO trains a Gaussian policy, with its mean from the last
-layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean as its action, so it is deterministic.
+layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean and is deterministic.
 
 tanh, the logistic function and asinh are computed from +, -, *, / and the square root, which IEEE 754 rounds correctly,
-and not by the C library, whose last digits differ between machines. A policy then gives the same values everywhere.
+not by the C library, whose last digits differ between machines. A policy then gives the same values everywhere.
 
 A recurrent network has a long short-term memory (`cell`) in front of these layers, as in torch and
 stable-baselines3-contrib. The output h of the cell is then h_0. With the normalised features
@@ -216,7 +216,7 @@ class Network:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Widths of the layers, from the inputs to the outputs; the cell's output counts as one."""
+        """Number of inputs, then the width of each layer; the cell counts as a layer, as wide as its output."""
         return (len(self.mean), *(() if self.cell is None else (self.cell.hidden,)), *map(len, self.biases))
 
     @functools.cached_property

@@ -1,6 +1,6 @@
 """`learned-observer`: the elastic observer at rest, the adaptive observer in motion, and a network that corrects it.
 
-Two laws run in parallel on the same measurements. With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer`, the torque
+Two laws run in parallel. With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer`, the torque
 u_a of `adaptive.policy`, m and g of `rnn`, and the output ρ of the network,
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L ν,    ν = y - (θ̂, θ̂̇)⁻,    and the filter of the adaptive observer by y,
@@ -71,7 +71,7 @@ class LearnedObserverPolicy(LawPolicy):
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
     ) -> None:
-        """Design the gains of both laws for the arm as the policy knows it and T [s].
+        """Design the gains of both laws for the arm as the policy knows it (default Table 1) and a control period [s].
 
         ValueError if the control period is out of range, there are no gains for these arguments, or the network is for
         another number of joints or axes.
@@ -106,8 +106,7 @@ class LearnedObserverPolicy(LawPolicy):
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return the adaptive observer's estimates at the next sample, from a state (..., memory_size) of `predict`.
 
-        If the filter has diverged, or the commands oscillated, the elastic observer acts alone. TypeError and
-        ValueError as in `AdaptiveObserverPolicy.beliefs`.
+        Where they are `diverged`, the elastic observer acts alone. Errors as in `AdaptiveObserverPolicy.beliefs`.
         """
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 

@@ -7,9 +7,9 @@ episode begins). A gated recurrent unit with no bias in the candidate gives
     n = tanh(A z + (C c)∘(B z) + r∘(U h)),    h⁺ = h + s∘(n - h),
     ρ = clip(m g (V (h⁺∘w) + G (h⁺∘w)∘Δ + D z), ±1),    w = 1 + W tanh(P c + p_0),
 
-with Δ = (u_a - u_o)/R, the entry m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) for the
-load δ in z, δ_0 = `QUIET`. G determines how far the law goes beyond u_a. z = 0 and h = 0 give ρ = 0 exactly, for any
-context. At rest, or if it estimates no load, the elastic observer acts alone, and the slope of ρ is zero.
+with Δ = (u_a - u_o)/R for u_a, u_o and R of `signals`, and g = |δ|²/(|δ|² + δ_0²) for the load δ in z, δ_0 = `QUIET`.
+The entry m of c is 0 where the reference is at rest. G determines how far the law goes beyond u_a. z = 0 and h = 0 give
+ρ = 0 exactly, for any c. At rest or for δ = 0, ρ and its slope are zero.
 
 `EstimateBundle` is the folder of the network: arm, control period and record of the training run, and the arrays.
 """
@@ -150,7 +150,7 @@ def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
 
 
 def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
-    """Return the output ρ (n,) for z, c, h, `gap` u_a - u_o and `torques` R (n,) [N m], and advance h (hidden,)."""
+    """Return the output ρ, joint by joint, for z, c, `gap` u_a - u_o and `torques` R [N m], and advance h (hidden,)."""
     hidden, total, follow = len(h), array(1), array(1)
     w = array(hidden)
     for i in each(hidden):
@@ -170,7 +170,7 @@ def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int
 
 
 def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
-    """Advance the memory h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
+    """Advance the memory h (hidden,) by the inputs z and c, and add W tanh(P c + p_0) to w (hidden,)."""
     hidden, modulation, gates = len(h), n.W.shape[0], _GATES * len(h)
     from_z, from_h, from_c = (array(matrix.shape[1]) for matrix in (n.of_z, n.of_h, n.of_c))
     for numbers in (from_z, from_h):

@@ -17,8 +17,8 @@ where ψ_j is the sum of the angles of joints with parallel axes up to joint j (
 two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip; directions of joints are analogous.
 m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion.
 
-The units of the two-joint arm were chosen for Table 1; torques are relative to the torque limits of any arm. For a
-robot given by its frames, every unit is the unit of Table 1 times a ratio between the robot and Table 1:
+The units of the two-joint arm were chosen for Table 1; for every arm, torques are relative to its torque limits. For a
+robot given by its frames, every unit is that of Table 1 times a ratio between the robot and Table 1:
 
     forces, payload    r_F, r_m, see `scale_of`
     innovations        Γ_j/I_j, torque limit over motor inertia of the joint, relative to the first joint of Table 1
@@ -78,8 +78,8 @@ def scale_of(arm: AnyArm) -> _Scale:
     """Return the size of an arm relative to Table 1.
 
     For the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
-    reach. A robot's last motors may be far weaker than its first motors, so its forces and masses use the same share of
-    a torque limit as the forces and masses of Table 1, see `load_scale`.
+    reach. A robot's last motors may be far weaker than its first, so its forces and masses use the same share of a
+    torque limit as those of Table 1, see `load_scale`.
     """
     paper = ArmParameters()
     if isinstance(arm, Robot):
@@ -166,7 +166,7 @@ def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _U
 def see_unexplained(
     innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: _UnexplainedParts
 ) -> None:
-    """Fill z from `innovation` ν_o (2 n,) [rad, rad/s], `load` d̂, `gap` u_a - u_o (n,) [N m], `residual` ρ (n,)."""
+    """Fill `parts` of z, in `units`, from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m], and the last ρ (n,)."""
     _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
     seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
     for i, torque in enumerate(units.torque.tolist()):
@@ -177,9 +177,9 @@ def see_unexplained(
 def see_beliefs(
     m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: _UnexplainedParts, in_context: _ContextParts
 ) -> None:
-    """Fill z with the estimated load and c with the trust in the filter; 0 where the filter has diverged.
+    """Fill entries of z with the load, and of c with beliefs on delay and noise; 0 where the filter has diverged.
 
-    The trust is the delay, its standard deviation [control periods], calm, surprise, and the estimated noise.
+    These are the delay and its standard deviation [control periods], calm, surprise (see `_Flags`) and noise.
     """
     states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
     for numbers in (belief, trust):
@@ -201,7 +201,7 @@ def see_beliefs(
 def context_of(physics: Physics) -> Any:
     """Return ``context(seen, feedforward, limit, turns, arm, units, c)``.
 
-    It fills c from the observation, u_ff (n,) [N m], the torque limits (n,), `turns_of` (n,) and the arm's constants.
+    It fills c from an observation, u_ff and torque limits (n,) [N m], `turns_of` (n,), the arm's constants and `Units`.
     """
     parts, planar = context_parts(physics.joints, physics.axes), physics is two_joints()
 
