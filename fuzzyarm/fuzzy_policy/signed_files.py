@@ -93,7 +93,7 @@ def checked_fields(
 
 
 class SignedController(abc.ABC):
-    """Base class for the controllers of each form; ControllerFileError for fields that do not fit together."""
+    """Base class of the controllers in files; ControllerFileError on construction if fields do not fit together."""
 
     def __post_init__(self) -> None:
         try:

@@ -11,9 +11,9 @@ determines the others. A body is possible if its pseudo-inertia is positive defi
 
     [[½ tr(J) 1 - J, m c], [(m c)ᵀ, m]] > 0
 
-The alternating direction method of multipliers (ADMM) solves the least-squares problem under these conditions, with
-non-negative rotor inertias and friction: its projection cuts off negative eigenvalues. Rows are weighted by the inverse
-scale of their joint's residuals, and rows that fit badly have less weight (Huber).
+The alternating direction method of multipliers (ADMM) finds the best bodies, with non-negative rotor inertias and
+friction: its projection cuts off negative eigenvalues. Rows are weighted by the inverse scale of their joint's
+residuals, and rows that fit badly have less weight (Huber).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _UNITS = ("kg m^2", "N m s/rad", "N m")
 
 
 class RobotFit(NamedTuple):
-    """The robot that fits the logs, with a row of data for each parameter, held-out errors and curves."""
+    """The robot that fits the logs, with a table row for each joint parameter, held-out errors and torque curves."""
 
     robot: Robot
     rows: tuple[dict[str, Any], ...]
@@ -72,7 +72,7 @@ class _LogSamples(NamedTuple):
 def body_regressor(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
     """Return the columns of Y for the links, (N, n, 10 n), at q, q̇ and q̈ (N, n); order (m, m c, J) for each link.
 
-    The inverse dynamics are linear in the parameters: a column is the torque of a robot with one parameter 1, others 0.
+    A column is the torque of a robot with one parameter 1, others 0.
     The column of a moment m c is the difference between the columns of two bodies of mass 1.
     """
     n, body = len(robot), Link(1.0, (0.1, 0.2, 0.3), ((1.0, 0.1, 0.2), (0.1, 1.1, 0.3), (0.2, 0.3, 1.2)))
@@ -105,7 +105,7 @@ def body_regressor(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray)
 
 
 def _numbers_of(robot: Robot) -> np.ndarray:
-    """Return the parameters π (14 n,) of a robot: ten of each link, then four of each joint."""
+    """Return the parameters π (14 n,) of a robot: those of all links, ten each, then those of all joints, four each."""
     now, links = robot.arrays, []
     for mass, center, inertia in zip(now.mass, now.center, now.inertia, strict=True):
         J = inertia + mass * (center @ center * np.eye(DIMENSIONS) - np.outer(center, center))
@@ -182,7 +182,7 @@ class _Cones:
         self._offsets = np.arange(_DRIVE * n) % _DRIVE == _DRIVE - 1
 
     def projected(self, values: np.ndarray) -> np.ndarray:
-        """Return nearest values of a physically possible robot; `values` are pseudo-inertias and joint parameters."""
+        """Return the physically possible values nearest to `values`: pseudo-inertias, then joint parameters, scaled."""
         bodies = values[: self._links].reshape(self.n, DIMENSIONS + 1, DIMENSIONS + 1)
         size, turn = np.linalg.eigh(0.5 * (bodies + bodies.transpose(0, 2, 1)))
         bodies = (turn * np.maximum(size, _LEAST)[:, np.newaxis]) @ turn.transpose(0, 2, 1)

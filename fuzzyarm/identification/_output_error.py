@@ -104,7 +104,7 @@ class Fit:
         return (self.z > self.search.low + near) & (self.z < self.search.high - near)
 
     def told(self) -> np.ndarray:
-        """Return the mask (P,) of unknowns that the logs determine: at a bound, or with a small standard deviation."""
+        """Return the mask (P,) of unknowns at a bound, or determined by the logs to a small standard deviation."""
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(self.hessian, hermitian=True))))
         return np.asarray((deviation < _TOLD * self.search.scale) | ~self._free())
 
@@ -122,7 +122,7 @@ class Fit:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Step:
-    """The normal equations of the unknowns z at one z, with the initial states of the windows eliminated."""
+    """The normal equations for a step from given unknowns z, with the initial states of the windows eliminated."""
 
     hessian: np.ndarray  # (P, P), without the prior
     slope: np.ndarray  # gradient, (P,)
@@ -251,7 +251,7 @@ def fitted(
 
 
 def _total(costs: np.ndarray, knee: float, known: np.ndarray, away: np.ndarray) -> float:
-    """Return the total cost: Cauchy's function of the windows' costs (scale `knee`), plus Σ `known` · `away`²."""
+    """Return Cauchy's function (scale `knee`) of `costs`, plus Σ `known` · `away`², weights and deviations of z."""
     return knee * float(np.sum(np.log1p(costs / knee))) + float(np.sum(known * away**2))
 
 

@@ -7,9 +7,9 @@ With motor and link as one body, the torques are linear in nine base parameters 
 with c1 and c3 of `dynamics.Arm`. Lengths and gravity are known; in a rigid arm, c1 and I_a1 appear only as a sum.
 Samples at which a joint is slow are left out of that joint's equation. The noise of a torque includes a share of each
 of its terms, because angles and accelerations have errors, too; samples that fit badly have less weight (Huber). The
-starting arm is a prior for the first five entries, with a standard deviation of half of each value; for I_a2, of twice.
+starting arm is a prior for the first five entries, with a standard deviation of half the value, or twice it for I_a2.
 
-The vector θ contains the parameters that logs of the motors may determine. Lengths, masses and gravity keep their
+The vector θ contains the parameters that logs of the motors can determine. Lengths, masses and gravity keep their
 starting values: eight parameters describe two links in a plane, but the motors' torques depend only on four
 combinations, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other
 four; mass centers and moments of inertia follow.
@@ -66,7 +66,7 @@ def start_of(arm: ArmParameters) -> np.ndarray:
 
 
 def arm_of(theta: np.ndarray, arm: ArmParameters) -> ArmParameters:
-    """Return `arm` with the entries of θ (17,); static friction below Coulomb friction is raised to it.
+    """Return `arm` with its parameters replaced by θ (17,); static friction below Coulomb friction is raised to it.
 
     ValueError: an entry is out of range for `ArmParameters`.
     """
@@ -118,7 +118,7 @@ def regressor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of Y in Γ = Y π for torques 1 and 2, (N, 9) each, for q, q̇ and q̈ (N, 2), L1 [m] and g [m/s²].
 
-    The inverse dynamics are linear in c1 to c5: each column is the torque for one base parameter 1 and the others 0.
+    Each column is the torque for one base parameter 1 and the others 0.
     """
     nothing = filled(Arm, np.zeros(size(Arm)))
     ones = ({"c1": 1.0}, {"c2": length, "c5": gravity}, {"c3": 1.0}, {"c4": gravity})

@@ -1,10 +1,10 @@
 """Short windows of logs, and their simulation from given initial states under the logged torques.
 
 The links are not measured, and a simulation without feedback diverges within a second from the log of an arm held
-against gravity; over a short window the two stay close. Torques are held between samples. There are two plants:
+against gravity; over a short window the two stay close. There are two plants:
 
-    rigid     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + g(q) = Γ - f_v q̇ - F(q̇) q̇ / √(q̇² + v_0²),    by Runge and Kutta's method
-    elastic   motors and links, with exact stick, as in the environment
+    rigid     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + g(q) = Γ - f_v q̇ - F(q̇) q̇ / √(q̇² + v_0²),    by Runge-Kutta steps
+    elastic   motors and links, with exact sticking, as in the environment
 
 M_b, C and g belong to the links; I_a are rotor inertias, Γ torques, and f_v and F viscous and dry friction. The rigid
 arm's friction is smooth around q̇ = 0, because derivatives are needed; v_0 is below the encoders' resolution.
@@ -76,11 +76,11 @@ def windows_of(log: Log, number: int, length: float, every: float, points: int, 
 
     Args:
         log: a log of a two-joint arm.
-        number: number of the log.
+        number: `Windows.log`, which identifies the log.
         length: length of a window [s].
         every: time from the beginning of a window to the beginning of the next [s].
         points: K, the number of samples of a window that are compared.
-        most: largest number of windows, chosen at even spacing.
+        most: largest number of windows; of more, evenly spaced ones are chosen.
     """
     rate = 1.0 / log.period
     cutoff = butter(4, min(_CUTOFF, 0.5 * _HIGHEST * rate), fs=rate, output="sos")
@@ -161,7 +161,7 @@ def _rigid_hold() -> Callable[..., None]:
 
 
 def _rigid_substeps(period: float, arm: ArmParameters) -> int:
-    """Return enough sub-steps of a period [s] to keep the smooth friction stable; its slope is steepest at rest."""
+    """Return how many sub-steps of a period [s] keep the smooth friction stable, if 100 do; it is steepest at rest."""
     M = np.array([two_joints().mass_matrix(PerJoint(0.0, q2), arm_constants(arm)) for q2 in (0.0, 0.5 * math.pi)])
     turning = np.linalg.inv(M + np.diag(arm.motor_inertia))
     slope = np.array(arm.static_friction) / _SMOOTH + np.array(arm.viscous_friction)
@@ -180,7 +180,10 @@ def _elastic_hold() -> Callable[..., None]:
 
 
 def _elastic_states(windows: Windows, theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
-    """Return the initial states (8, S) of motors and links [rad, rad/s]; the torque of each link bends its spring."""
+    """Return the initial states (8, S) for θ (17,); the torque of each link bends its spring.
+
+    The rows are motor and link angles [rad], then their velocities [rad/s].
+    """
     constants = filled(Arm, constants_of(theta[:, np.newaxis], arm)[:, 0])
     load = rigid_inverse_dynamics(windows.q, windows.dq, windows.ddq, constants)
     link = windows.q - load / np.array([constants.stiffness1, constants.stiffness2])
@@ -227,7 +230,7 @@ def simulated(
 def rms_errors(
     simulator: Simulator, windows: Sequence[Windows], theta: np.ndarray, arm: ArmParameters
 ) -> list[np.ndarray]:
-    """Return an array (S, 2) for each `Windows` object: the rms errors of the angles [rad] simulated with θ (17,)."""
+    """Return the rms errors [rad] of the angles simulated with θ (17,), (S, 2) for each `Windows` of S windows."""
     found = []
     for one in windows:
         lanes = np.repeat(theta[:, np.newaxis], len(one), axis=1)
@@ -237,5 +240,5 @@ def rms_errors(
 
 
 def rms(angles: np.ndarray) -> np.ndarray:
-    """Return the rms of angles (K, 2, S) over the samples of each window [rad], limited to `_WORST`, (S, 2)."""
+    """Return the rms (S, 2) [rad] of differences of angles (K samples, 2 joints, S windows), limited to `_WORST`."""
     return np.asarray(np.minimum(np.sqrt(np.mean(angles**2, axis=0)), _WORST).T)

@@ -1,7 +1,6 @@
 """Tables of numbers from files that robots and their tools write: text, NumPy, MATLAB and ROS 2 bags.
 
-A table has named columns, a unit where the file states one, and NaN where a cell has no number. `reading` interprets
-the names of the columns. No file is unpickled, and the message definitions in a bag are not compiled.
+`reading` interprets the names of the columns. No file is unpickled, and a bag's message definitions are not compiled.
 """
 
 from __future__ import annotations
@@ -122,7 +121,7 @@ class _Style:
         return found[:-1] if len(found) == self.width + 1 and not found[-1] else found
 
     def numbers(self, line: str) -> list[float]:
-        """Return a line's numbers, NaN for a text; no numbers if fewer than two, or if the line has another width."""
+        """Return a line's numbers, NaN for text; [] if fewer than two, or if the line does not have `width` cells."""
         cells = self.cells(line)
         row = [number if (number := self.number(cell)) is not None else math.nan for cell in cells]
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
@@ -133,14 +132,14 @@ class _Style:
         return len(cells) == self.width and all(cell and self.number(cell) is None for cell in cells)
 
     def number(self, cell: str) -> float | None:
-        """Return the number in a cell, the seconds of a date or time of day, NaN for an empty cell, None for a text."""
+        """Return the number in a cell, `_seconds` for a date or time of day, NaN for an empty cell, None for text."""
         try:
             return float(cell.replace(",", ".") if self.mark == "," else cell)
         except ValueError:
             return math.nan if cell.lower() in _EMPTY else _seconds(cell)
 
     def score(self, lines: list[str]) -> tuple[int, int]:
-        """Return how many columns contain numbers in most of the lines, and the width of the lines."""
+        """Return how many columns contain numbers in most of the lines, and how many cells most lines have."""
         rows = [self.cells(line.strip("\r\n")) for line in lines]
         ((width, agreed),) = Counter(map(len, rows)).most_common(1)
         if agreed < _AGREE * len(lines) or width > _MOST_COLUMNS:
@@ -235,9 +234,9 @@ def _text(content: bytes) -> LogTable:
 def _heading(
     lines: list[str], style: _Style, is_numbered: bool = False, todo: str = ""
 ) -> tuple[list[str], dict[str, str]]:
-    """Return the columns' names (empty without a heading) and their units from brackets or from a second line.
+    """Return the columns' names (empty without a heading) and units, in brackets or a second line, from `lines`.
 
-    With `is_numbered`, the first column needs no name, as in R. ValueError: names are missing; `todo` is the remedy.
+    With `is_numbered`, the first column needs no name, as in R. ValueError: names are missing; `todo` says what to do.
     """
     bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
     if style.delimiter is None:

@@ -1,14 +1,14 @@
-"""The parameters of a two-joint arm from logs, in stages; a later stage must lower the error on held-out logs.
+"""The parameters of a two-joint arm from logs, in stages.
 
     rigid start     the least-squares fit of `_rigid.fit_rigid`
     rigid           output error over windows of 0.4 s; a parameter that the logs do not determine keeps its start value
     Stribeck        static friction in addition to Coulomb friction, if requested
-    sticking        the rigid arm again, with springs so stiff that they have no effect, and friction with exact stick
+    sticking        the rigid arm again, with springs so stiff that they have no effect, and with exact sticking
     elastic         stiffness, damping and both rotor inertias, over windows of 0.2 s
 
-A later stage counts only if the *held-out error* falls: the logs are divided into at most five groups (a single log is
-cut into three parts), and each group is predicted over 0.5 s from measured states with the parameters found from the
-other groups. The held-out error is the rms error of the predicted angles.
+A later stage counts only if the *held-out error* falls, the rms error of predicted angles: the logs are divided into at
+most five groups (a single log is cut into three parts), and each group is predicted over 0.5 s from measured states
+with the parameters found from the other groups.
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ class Stages:
     def keep(self, found: Fit, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False) -> None:
         """Adopt the result of a stage; `untold` names parameters of the rigid arm that the logs do not determine.
 
-        A ratio of static to Coulomb friction or an inertia of rotor 1 that was not searched for keeps its start value.
+        `is_elastic`: with springs; `is_sticking`: with exact sticking. If not searched for, the ratio of static to
+        Coulomb friction keeps its start value, as does the inertia of rotor 1 if plausible.
         """
         theta = found.theta.copy()
         if is_sticking:
@@ -156,7 +157,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         return found
 
     def held_out(found: Fit, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
-        """Return the joints' rms errors (2,) [rad] of predictions of all groups, each by parameters from the others."""
+        """Return the joints' rms errors (2,) [rad], each group predicted with `found` refitted to the other `parts`."""
         errors = []
         for group in range(dealt.groups):
             others, own = dealt.chosen(parts, group, inside=False), dealt.chosen(predicted, group, inside=True)
@@ -202,7 +203,7 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
 
 
 def _tells_springs(found: Fit) -> bool:
-    """Return whether both stiffnesses are known within a factor `_WIDEST`, or as in `Fit.told` without intervals."""
+    """Return whether both stiffnesses are known within a factor `_WIDEST`; without intervals, `Fit.told` decides."""
     widths, springs = found.half_widths(), [name.startswith("stiffness") for name in found.search.names]
     return bool(np.all(found.told()[springs] if widths is None else widths[springs] < np.log(_WIDEST)))
 
@@ -234,7 +235,7 @@ _RISES = ("static_friction[0] - coulomb_friction[0]", "static_friction[1] - coul
 
 
 def units_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the units of the parameters with these names, which may be sums."""
+    """Return the unit of each name, which is that of a parameter or of a sum or difference of parameters."""
     units = {one.name: one.unit for one in UNKNOWNS}
     return tuple(units[name.split(" ")[0]] for name in names)
 
@@ -246,7 +247,7 @@ def _rigid_numbers(arm: ArmParameters) -> np.ndarray:
 
 
 def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray:
-    """Return T (17, P) of `Search`: an unknown is the parameter of its name, or sets those in `of` by their factors."""
+    """Return T (17, P) of `Search`: an unknown is the parameter of its name, or sets those in `of[name]` by factors."""
     T = np.zeros((len(UNKNOWNS), len(names)))
     for column, name in enumerate(names):
         for parameter, factor in of.get(name, {name: 1.0}).items():
@@ -259,7 +260,7 @@ def _rigid_search(
 ) -> Search:
     """Return the search for the rigid arm, with the start as a prior for all parameters except friction.
 
-    `friction` (4,) contains scales of the joints' viscous [N m s/rad] and dry friction [N m]; `ratio` is the ratio of
+    `friction` (4,) contains scales, the joints' viscous [N m s/rad], then dry friction [N m]; `ratio` is the ratio of
     static to Coulomb friction of each joint. With `stribeck`, static minus Coulomb friction is also unknown.
     """
     names, z, share = [*_RIGID_NAMES, *(_RISES if stribeck else ())], _rigid_numbers(start), rotor_share(start)
@@ -291,7 +292,7 @@ def _rigid_search(
 
 
 def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
-    """Return the search that includes rotors, springs and dampers; prior: `arm`, with deviations `friction` (4,)."""
+    """Return the search that includes rotors, springs and dampers; prior: `arm`, friction with σ = `friction` (4,)."""
     names = [one.name for one in UNKNOWNS if one.field not in ("static_friction", "stribeck_velocity")]
     theta, ratio = start_of(arm), static_ratio(arm)
     of = {f"coulomb_friction[{k}]": {f"coulomb_friction[{k}]": 1.0, f"static_friction[{k}]": ratio[k]} for k in (0, 1)}

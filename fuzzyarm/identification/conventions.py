@@ -72,7 +72,7 @@ class Reading:
         return turned + self.zero if order == 0 else turned
 
     def of_torques(self, values: np.ndarray) -> np.ndarray:
-        """Return torques (N, 2) [N m] in the package's conventions, without the delay."""
+        """Return torques (N, 2) [N m] in the package's conventions, except that a delay remains."""
         scaled = values * self.torque
         return np.asarray((scaled[:, ::-1] if self.exchanged else scaled) * self.signs[2:])
 
@@ -88,7 +88,7 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """The likely reading of a log: the conventions with which a rigid arm fits its data best."""
+    """The conventions with which a rigid arm fits the data of a log best."""
 
     reading: Reading  # the likely one
     misfit: float  # J of the log as it is
@@ -97,7 +97,7 @@ class Diagnosis:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the likely reading is not the log as it is."""
+        """Whether the log probably has other conventions than the package."""
         return bool(self.reading.words)
 
     def sentence(self) -> str:
@@ -112,10 +112,10 @@ class Diagnosis:
 
 
 def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] = ()) -> Diagnosis:
-    """Return the likely reading of logs of one arm, all recorded with the same conventions.
+    """Return the likely conventions of logs of one arm, the same for all.
 
     Args:
-        logs: angles [rad] and torques [N m] of two joints, shape (N, 2) each, as they were read.
+        logs: angles [rad] and torques [N m] of two joints, shape (N, 2) each, as `read_log` returns them.
         start: an arm with the right lengths; its masses may be wrong by half, other parameters by more.
         gear: the ratio or ratios with which the logs were converted to the joint's side, perhaps by mistake.
     """
@@ -196,7 +196,7 @@ class _Thinned:
 def _misfit(
     data: Sequence[_Thinned], reading: Reading, start: ArmParameters, largest: float
 ) -> tuple[float, float, float]:
-    """Return the misfit J, the root of the unexplained share of Σ |Γ / s|², and this sum; s is a share of `largest`."""
+    """Return (1) J, (2) the root of the unexplained share of Σ |Γ / s|², (3) this sum; s is a share of `largest`."""
     normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
     for one in data:
         q, dq, ddq = (reading.of_angles(part, order) for order, part in enumerate(one.parts))

@@ -171,7 +171,7 @@ def _roles_of(table: LogTable, given: dict[str, str]) -> dict[str, int]:
 
 
 def _check_times(table: LogTable, roles: dict[str, int], is_given: bool) -> None:
-    """Take a header's stamps as the time unless a column `is_given`; ValueError if time columns of like name differ."""
+    """Prefer a time column named stamp unless one `is_given`; ValueError if time columns with the same words differ."""
     words = {k: re.findall(r"[^\W\d_]+", name.lower()) for k, name in enumerate(table.names if table.headed else ())}
     every = [k for k, one in words.items() if one and _KIND.get(one[-1]) == "time" and not {"des", "ref"} & set(one)]
     if "time" not in roles or len(every) < 2:
@@ -225,7 +225,7 @@ def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
 
 
 def _unit(table: LogTable, kind: str, names: list[str], given: Mapping[str, str | float]) -> float | None:
-    """Return the SI size of the unit of the columns `names`, from `given` or the heading; None if neither states it."""
+    """Return the factor to SI units of columns of a kind (q, ...), from `given` or the heading; None if in neither."""
     stated = {table.units[name] for name in names if name in table.units}
     text = given[kind] if kind in given else stated.pop() if len(stated) == 1 else ""
     known = _UNITS[kind]
@@ -301,7 +301,7 @@ def _pieces(
             )
 
     def sizes(kind: str, other: float | None = None) -> np.ndarray:
-        """Return the SI sizes (n,) of the units of the joints' columns of a kind; `other` replaces an unknown size."""
+        """Return the factors (n,) to SI units of the joints' columns of a kind; `other` replaces an unknown factor."""
         common = size[kind] or other or 1.0
         one = [{kind: units[f"{kind}{j}"]} if f"{kind}{j}" in units else None for j in range(1, joints + 1)]
         return np.array([common if own is None else _unit(table, kind, [], own) or common for own in one])
@@ -329,7 +329,7 @@ def _pieces(
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
 def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
-    """Return an angle (N,) without wraps, which are jumps by a turn, 360 or, for whole numbers, a power of two."""
+    """Return an angle (N,) without jumps by `turn`, by 360 or, in whole numbers, a power of two; remark on them."""
     steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
     span = np.ptp(angle) / (1.0 + _WRAPPED)
     for size in (turn, 360.0, *counters):
@@ -345,7 +345,7 @@ def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) ->
 
 @np.errstate(over="ignore", invalid="ignore")
 def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[str], remarks: list[str]) -> np.ndarray:
-    """Return the mask (N,) of rows with a stray angle or torque, far from its neighbours; both (N, n), in any unit.
+    """Return the mask (N,) of rows with a stray angle or torque, (N, n) each, in any unit; remark on them by `names`.
 
     A stray torque differs from the running median by many times the largest running median; a stray angle differs from
     its running median by far more than the steps nearby. ValueError: too many rows have a stray value.
@@ -366,7 +366,7 @@ def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[
 
 
 def _away(angle: np.ndarray) -> np.ndarray:
-    """Return the mask of stray angles (N,); equal angles in a row count as one, since a sentinel may be repeated."""
+    """Return the mask of outliers (N,); consecutive equal angles count as one, since a sentinel may be repeated."""
     changes = np.append(True, np.diff(angle) != 0.0)
     kept = first = np.flatnonzero(changes)
     for _ in range(3):  # strays may hide others nearby
@@ -378,7 +378,7 @@ def _away(angle: np.ndarray) -> np.ndarray:
 
 
 def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.ndarray:
-    """Return times (N,) [s] since the first stamp; `unit` [s], if None, is guessed from the median step."""
+    """Return times (N,) [s] since the first stamp; `unit` [s] of None: guessed from the median step, with a remark."""
     steps = np.diff(stamps)
     if not (steps > 0.0).any():
         raise ValueError("its time column never increases; choose another column with --columns time=NAME")
@@ -428,7 +428,7 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
 def _even(
     stamps: np.ndarray, lines: np.ndarray, torque: np.ndarray, delay: float, remarks: list[str]
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the period [s], `lines` (N, m) at evenly spaced instants, and the mean torques (N, n) of the periods."""
+    """Return the period [s], `lines` (N, m) at even instants, and mean torques (N, n) of the periods, `delay` later."""
     steps = np.diff(stamps)
     period = float(np.median(steps))
     uneven = np.abs(steps - period) > _EVEN * period

@@ -1,7 +1,4 @@
-"""The identified arm: `identify` returns the arm that fits logs of the motors, with intervals and held-out errors.
-
-See `_two_joints` for the estimation of two-joint arms, and `_links` for the estimation of robots.
-"""
+"""The arm identified from logs of its motors, with intervals and held-out errors; see `_two_joints` and `_links`."""
 
 from __future__ import annotations
 
@@ -52,7 +49,7 @@ class Identified:
             determine it; None for an unknown end of an interval.
         held_out: error of each joint on logs that were not used to find the parameters, by stage; `start` first.
         held_out_unit: unit of the held-out errors.
-        interrupted: whether the search was interrupted before its end.
+        interrupted: whether the search was interrupted.
         doubtful: whether the arm explains so little of the logs that units, signs or the start must be wrong.
         samples: number of samples of all logs.
     """
@@ -133,7 +130,7 @@ def identify(
     """Return the arm that fits the logs best, with confidence intervals and errors on held-out logs.
 
     Args:
-        logs: measurements of the motors of one arm, one log or several.
+        logs: one or more logs of the motors of one arm.
         start: the arm from which the search begins. It sets lengths, gravity, limits, the masses of two-joint arms, and
             all parameters that the logs do not determine.
         advance: called after each step. A KeyboardInterrupt ends the search; the result so far is returned.
@@ -297,7 +294,7 @@ def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
 
 
 def _is_doubtful(stages: Stages) -> bool:
-    """Return whether the error of the last stage that counts exceeds the share `_DOUBTFUL` of any joint's motion."""
+    """Return whether, in the last stage adopted but Stribeck, a joint's error exceeds `_DOUBTFUL` times its motion."""
     if stages.motion is None or not stages.errors:
         return False
     errors = stages.errors["elastic" if stages.is_elastic else "sticking" if stages.is_sticking else "rigid"]

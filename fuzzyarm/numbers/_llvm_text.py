@@ -59,7 +59,7 @@ class PortLayout(enum.Enum):
 
 
 class _Writer:
-    """The writer of the whole text: a function that receives a job and computes the arms of the job group by group.
+    """The writer of the whole text, that of a function that receives a job and computes its arms group by group.
 
     Each method adds lines, and some return the name of the result.
     """
@@ -88,7 +88,7 @@ class _Writer:
         return f"%w{self.names}"
 
     def call(self, kind: str, name: str, *arguments: tuple[str, str]) -> str:
-        """Declare an LLVM function; return the text of a call with arguments (type, value)."""
+        """Declare an LLVM function that returns a `kind`; return the text of a call with arguments (type, value)."""
         self.declared.add(f"declare {kind} @llvm.{name}({', '.join(of for of, _ in arguments)})")
         return f"call {kind} @llvm.{name}({', '.join(map(' '.join, arguments))})"
 
@@ -113,7 +113,7 @@ class _Writer:
         self.put(f"{out} = shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
 
     def of(self, operand: Any, *, uniform: bool = False) -> str:
-        """Return the text of an operand, as a scalar or as a vector with one number per arm."""
+        """Return the text of an operand: a vector with one number per arm, or a scalar if `uniform` and shared."""
         if isinstance(operand, Symbol):
             return f"%s{operand.number}" if operand.uniform and (uniform or self.width == 1) else f"%v{operand.number}"
         kind, text = ("i64", str(operand % 2**64)) if isinstance(operand, Word) else ("double", _literal(operand))
@@ -215,7 +215,7 @@ class _Writer:
         return self.new(f"mul nsw {self.word} {row}, {self.splat('i64', str(table.columns))}")
 
     def entry(self, one: Symbol, out: str) -> None:
-        """Write the look-up of an entry of a row, named `out`; the column may depend on indices of loops."""
+        """Write the load of an entry of a table's row into `out`; the column may depend on indices of loops."""
         table, constant, terms = one.detail
         first, column = self.first_of_row(table, one.operands[0]), self.place(constant, terms)
         if self.width > 1:
@@ -231,7 +231,7 @@ class _Writer:
             self.put(f"{out} = {self.call(self.real, name, *given, (self.real, 'zeroinitializer'))}")
 
     def rows(self, group: Sequence[Symbol]) -> None:
-        """Write the look-ups of entries of one row; an index outside the table selects the nearest row."""
+        """Write the loads of entries of one row of a table; an index outside the table selects the nearest row."""
         table, _ = group[0].detail
         first = self.first_of_row(table, group[0].operands[0])
         if self.width == 1:
@@ -294,7 +294,7 @@ class _Writer:
     def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
         """Write a loop over k = 0, ..., count - 1 around the lines of the block; yield a list for the carried numbers.
 
-        For each carried number the block must add kind, name inside, text before the loop and text after an iteration.
+        For each, the block must add its LLVM type, name inside, value before the loop and value after an iteration.
         """
         carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
@@ -393,7 +393,7 @@ class _Writer:
                 self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
 
     def pointer(self, port: int, k: str) -> str:
-        """Return the pointer to number k of the group's first arm; for rows, the pointers for all arms of the group."""
+        """Return the pointer to number k of a port for the group's first arm; for `ROWS`, pointers for all its arms."""
         layout, kind = self.layouts[port], "i64"
         apart = {PortLayout.ROWS: "1", PortLayout.BLOCKS: str(WIDE), PortLayout.COLUMNS: f"%stride{port}"}[layout]
         step = self.new(f"mul i64 {k}, {apart}")
@@ -410,7 +410,7 @@ class _Writer:
         return "ptr", f"masked.{of_columns}{self.suffix}.p0"
 
     def take(self, port: int, k: Any, _: Any, out: str) -> None:
-        """Write the load of number k of a port, with `out` as the name of the result."""
+        """Write the load of number k of a port, for each arm of the group, into `out`."""
         pointer = self.pointer(port, str(k))
         if self.width == 1 or self.layouts[port] is PortLayout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
@@ -420,7 +420,7 @@ class _Writer:
             self.put(f"{out} = {self.call(self.real, name, *given)}")
 
     def give(self, port: int, k: Any, _: Any, value: str) -> None:
-        """Write the store of a value as number k of a port."""
+        """Write the store of `value` in number k of a port, for each arm of the group."""
         pointer = self.pointer(port, str(k))
         if self.width == 1 or self.layouts[port] is PortLayout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
@@ -432,7 +432,7 @@ class _Writer:
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
     ) -> None:
-        """Load or store numbers by `one`, or by `rows` for ports in rows if the group has several arms."""
+        """Load or store each number by `one`, but by `rows` those of ports in `ROWS` if the group has several arms."""
         in_rows = [self.width > 1 and self.layouts[port] is PortLayout.ROWS for port, *_ in numbers]
         for number, is_in_rows in zip(numbers, in_rows, strict=True):
             if not is_in_rows:
@@ -453,7 +453,7 @@ class _Writer:
         return blocks
 
     def take_rows(self, wanted: Sequence[_Number]) -> None:
-        """Write the loads of numbers of ports in rows: by whole rows if the group is whole, else one by one."""
+        """Write the loads of numbers of ports in `ROWS`: whole rows if the group is full, else one by one."""
         found = {}
 
         def one_by_one() -> None:
@@ -470,7 +470,7 @@ class _Writer:
             self.put(f"{name} = phi {self.real} [ {name}.few, %{few} ], [ {found[port, k]}, %{whole} ]")
 
     def give_rows(self, given: Sequence[_Number]) -> None:
-        """Write stores of numbers of ports in rows, in whole rows if the group is whole and all of a port changes."""
+        """Write the stores of numbers of ports in `ROWS`: whole rows if the group is full and all of a row changes."""
 
         def one_by_one() -> None:
             for number in given:
@@ -499,7 +499,7 @@ class _Writer:
         return found
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
-        """Copy `count` entries of a port's array, from `first` on, to `place` in the arms' own memory, or `back`."""
+        """Copy `count` numbers of a port, from `first` on, to `place` in the group's memory; if `back`, from there."""
         with self.counted(k := f"%k{self.blocks}", str(count)):
             own = self.room(self.new(f"add i64 {k}, {place}"))
             number = self.new(f"add i64 {k}, {first}")
@@ -582,7 +582,7 @@ class _Writer:
         return "\n".join([*sorted(self.declared), head, *self.lines, "}", tail, ""])
 
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
-        """Write a loop over steps; between steps the numbers stay in the group's own memory."""
+        """Write a loop over steps; between steps inputs `taken` and outputs `changed` stay in the group's memory."""
         for _, _, place, name in taken:
             self.put(f"store {self.real} {name}, ptr {self.room(place)}, align 8")
         before, at = self.here, len(self.lines) + 2

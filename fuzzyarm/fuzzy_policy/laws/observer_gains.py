@@ -5,8 +5,7 @@ slope, Coriolis torques and dry friction are left out, so that it depends on the
 tabulated over the angles that M depends on most, see `gain_schedule`. The gains have the same bits on every processor,
 see `riccati`; `elastic_observer` describes their use.
 
-Default gains are chosen to be stable on the sampled elastic robot anywhere in its range. At random postures the robot
-is linearised without gravity and dry friction, see `_sampled_arm`; near rest a law with memory s is
+Default gains are to stabilise a robot, linearised like this, at random postures; near rest, a law with memory s is
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
@@ -209,7 +208,7 @@ class Place:
 
 
 class LinearLaw(NamedTuple):
-    """A law near rest, u = D x + C s, s⁺ = G x + F s: D (n, 4 n), C (n, m), G (m, 4 n), F (m, m), torques in N m."""
+    """A law near rest, u = D x + C s, s⁺ = G x + F s: torques u (n,) [N m], deviation x (4 n,), memory s (m,)."""
 
     D: np.ndarray
     C: np.ndarray
@@ -229,7 +228,7 @@ def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: f
 
 
 def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[Place]:
-    """Return `count` random postures, the same at every call, for a control period [s]."""
+    """Return `count` random postures, the same at every call, each with M and the control period [s]."""
     angles = random_angles(robot)[:count]
     return [Place(q, M, robot, control_period) for q, M in zip(angles, mass_matrix(robot, angles), strict=True)]
 
@@ -292,7 +291,7 @@ def softened(weights: Any, factor: float) -> Any:
 
 
 def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
-    """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n) and the prediction as memory."""
+    """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n); its memory predicts (x, d)."""
     robot, joints = place.robot, len(place.robot)
     part = estimate_parts(joints)
     state = part.state

@@ -34,11 +34,11 @@ class LearnedPolicy(LawPolicy):
         *,
         friction: bool = True,
     ) -> None:
-        """Make the policy of a bundle for T [s], a divisor of the action period, and the arm it was trained for.
+        """Make the policy of a bundle for the arm `parameters` it was trained for (default: `ArmParameters()`).
 
-        `base` is the policy that ``bundle.action.base`` names, for the same control period. `friction` says whether the
-        unloaded arm's torque in the features, if any, includes dry friction. ValueError if the periods do not fit, or
-        if the base is missing, superfluous, or for another period.
+        The control period [s] must divide the action period. `base` is the policy that ``bundle.action.base`` names,
+        for the same control period. `friction` says whether the unloaded arm's torque in the features, if any, includes
+        dry friction. ValueError if the periods do not fit, or if the base is missing, superfluous, or for another one.
         """
         self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)
@@ -87,7 +87,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """A lane's memory: calls since the last action (0: next is due), that action, and features', base's, network's."""
+    """A lane's memory: calls since the last action (0: one is due), the action, memories of features, base, network."""
 
     phase: Any
     action: Any
