@@ -66,7 +66,7 @@ def row(table: Any, place: Any) -> tuple[Any, ...]:
 
 
 def entry(table: Any, place: Any, column: Any) -> Any:
-    """Return one entry of the row that `row` returns; `column` may be the index of a loop."""
+    """Return the entry in `column` of `row(table, place)`; `column` may be the index of a loop."""
     kind = KINDS.get(type(place))
     if kind:
         return kind.entry(table, place, column)
@@ -84,7 +84,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function() where the condition holds, else `otherwise`, of equal size; called only if an arm needs it."""
+    """Return function() where the condition holds, else `otherwise`, of equal size; called if it holds for any arm."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
@@ -110,7 +110,7 @@ def whole(x: Any) -> Any:
 
 
 def number(of: Any) -> Any:
-    """Return a uint64 of at most 2^53 as a number, exactly."""
+    """Return a uint64 of at most 2^53 as a floating-point number, exactly."""
     kind = KINDS.get(type(of))
     return kind.number(of) if kind else of * 1.0
 

@@ -1,8 +1,8 @@
 """A recorded program as machine code, compiled by LLVM; one arm and many at once give the same bits.
 
-The program becomes LLVM text with vectors of `width` arms, and no operation may be contracted or reordered. The numbers
-of arms stay in their arrays, see `PortLayout`. A group of `width` arms is loaded, stays in the processor's first-level
-cache for all its steps, and is stored again.
+The program becomes LLVM text with vectors of `width` arms, and no operation may be contracted or reordered. Each
+arm's numbers stay in arrays, see `PortLayout`. Those of `width` arms are loaded, stay in the processor's first-level
+cache for all steps, and are stored again.
 
 Machine code is kept on disk under a digest of text, processor, optimisation level and LLVM's version. A damaged file is
 replaced; without a writable folder no files are written.
@@ -36,7 +36,7 @@ _LONG = 2500  # operations; in a longer program the numbers of `WIDE` arms would
 
 
 class Call:
-    """A kernel bound to the arrays of `arms` arms; it keeps the arrays alive."""
+    """A kernel bound to the arrays of `arms` arms, on which each call runs it; it keeps the arrays alive."""
 
     __slots__ = ("_code", "_held", "_job", "arms")
 
@@ -68,9 +68,9 @@ class Call:
 
 
 class _Known:
-    """The machine code and the arguments that follow from the shapes of arrays, constants and tables.
+    """A kernel's machine code, and those of its arguments that the shapes of arrays, constants and tables determine.
 
-    `apart` lists the distance between rows of each array, then the number of rows of each table.
+    `apart` lists the distance between rows of each array, in numbers, then the number of rows of each table.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class _Known:
     def run(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray], steps: int
     ) -> None:
-        """Run the machine code for every arm."""
+        """Run the machine code for every arm, `steps` times, in place."""
         places = self._places
         if constants is not self.constants or tables is not self.tables:
             places = [_address(array) for array in (constants, *tables)]
@@ -106,7 +106,7 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 
 
 class Kernel:
-    """A program that runs on arrays in place, by default all in rows; with several steps per call if `repeated`.
+    """A program that runs on arrays in place, by default in layout `ROWS`; with several steps per call if `repeated`.
 
     Few arms are run one after the other, many in groups of `WIDE`, or of `EIGHT` if the program is long. Machine code
     is compiled when it is first needed.
@@ -129,10 +129,10 @@ class Kernel:
     def bound(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
     ) -> Call:
-        """Return the kernel bound to arrays.
+        """Return the kernel bound to arrays; a call runs `steps` steps.
 
-        Arrays of each port are float64, see `PortLayout`; constants (k,) and tables are float64, the latter in the
-        program's shapes, with at least one row. ValueError for another shape, type or layout.
+        All are float64: an array for each port, see `PortLayout`; constants (k,); tables in the program's shapes,
+        with at least one row. ValueError for another shape, type or layout.
         """
         return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
 
@@ -223,7 +223,7 @@ class _Code:
 
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
-    """Return the machine code of an LLVM text, from the file under its digest if there is one, else compiled."""
+    """Return the machine code of an LLVM text for `width` arms at once, from its file, or compiled and put there."""
     level = 1 if width > 1 else 2  # LLVM's optimisation level
     _initialise()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

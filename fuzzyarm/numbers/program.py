@@ -113,7 +113,7 @@ class Program:
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
 
     def moved(self, operation: str, detail: Any) -> Symbol:
-        """Record an operation that depends on earlier writes, at this place and without reuse of an earlier result."""
+        """Record, at this place, an operation that depends on earlier writes, and return its symbol; none is reused."""
         symbol = Symbol(self, operation, (), self.now, detail=detail)
         self.now.items.append(symbol)
         return symbol

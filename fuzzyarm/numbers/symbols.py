@@ -192,7 +192,7 @@ class Region:
 
 
 class For(NamedTuple):
-    """A region that is run in each iteration of a loop, the loop's number, and the number of iterations."""
+    """A loop: the number that identifies it, the number of iterations, and the region that each iteration runs."""
 
     number: int
     rounds: Index
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times, with the carried numbers before, in, at the end of an iteration and after."""
+    """A region run `count` times, and the numbers that it carries: before, at the start and end of a run, and after."""
 
     count: Any
     region: Region

@@ -38,7 +38,7 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
 
 
 class OnnxPolicy(Policy):
-    """A model as a policy; its memory holds the periods since an action, that action and the features' memory."""
+    """A model as a policy; its memory: number of periods since the last action, that action, the features' memory."""
 
     def __init__(
         self, path: Path, robot: AnyArm, control_period: float, action: ActionDefinition | None = None

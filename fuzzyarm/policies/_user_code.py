@@ -161,7 +161,7 @@ class UserPolicy:
         return UserPolicy(self.name, found, self.control_period)
 
     def begin_pass(self, state: Any) -> Any:
-        """Return the first state of the next pass, given the last of this one; ValueError if `begin_pass` fails."""
+        """Return the first state of the next pass, given the last of this one; ValueError if the policy fails."""
         return self._called("begin_pass", state)
 
     def _believed(self, state: Any) -> Any:

@@ -176,7 +176,7 @@ class PolicySpec:
         return TipPolicy(law)
 
     def _check(self) -> None:
-        """Raise ValueError for code that may not run, a file of another library, or a folder that is not a policy."""
+        """Raise ValueError for code without permission to run, another library's file, or a folder without a policy."""
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, DESCRIPTION, LAST, WEIGHTS
 
         if self.kind is Kind.CODE and not self.run_code:
@@ -204,8 +204,7 @@ class PolicySpec:
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
     """Return the spec for a policy's name, without loading the policy; every string gives a spec.
 
-    A name is a known name or a controller file (``.json``), both also with the suffix ``-tip``; the folder of a learned
-    policy; or ``package.module:factory``. `run_code` states whether the spec may import and run the user's code; it
+    For names, see `fuzzyarm.policies.spec`. `run_code` states whether the spec may import and run the user's code; it
     must be True only for a name that the user has typed, never for a name read from a file.
     """
     if not isinstance(name, str | os.PathLike):
@@ -244,7 +243,7 @@ def any_guest(name: str) -> str:
 
 
 def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the name of a shield's law and the margin (n,) [N m]; any other name is returned with an empty margin."""
+    """Return LAW and MARGIN (n,) [N m] of a name ``shield:LAW:GUEST:MARGIN``; any other name is returned with ()."""
     shield = resolve(name).shield
     if shield is None:
         return name, ()
@@ -257,7 +256,7 @@ def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
 
 
 def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
-    """Return the spec of a policy in a folder of `fuzzyarm tune`; None if the name refers to something else."""
+    """Return the spec of `path` in a folder of `fuzzyarm tune`, else None; `name` is `path` and, if `tip`, ``-tip``."""
     from fuzzyarm.policies.tuned import is_tuned
 
     if path.parent == Path() or not is_tuned(path.parent):
@@ -288,7 +287,7 @@ def load_policy(
 ) -> Policy:
     """Return a policy by name, or from a controller, its file, or a learned policy's folder.
 
-    This function never runs code that a name refers to, because a name may come from a file, and files are not trusted.
+    It never runs code that a name refers to, since it may come from a file, and files are not trusted.
 
     Args:
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
@@ -341,7 +340,7 @@ def file_digest(file: Path) -> str:
 
 
 def recorded(name: str) -> str:
-    """Return the name of a policy as it is recorded in files of results."""
+    """Return the name of a policy as files of results record it: without the leading folders of an absolute path."""
     if shield := resolve(name).shield:
         return shield.named(recorded(shield.law.name), recorded(shield.guest.name))
     if prefix := foreign(name):

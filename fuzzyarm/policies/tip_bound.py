@@ -105,7 +105,7 @@ class TipClaim:
         return moved  # type: ignore[no-any-return]
 
     def motion(self, count: int) -> str:
-        """Return, in words, the start, instants, path and case of a bound over `count` control steps."""
+        """Return, in words, the initial states, instants, path and case for which a bound over `count` steps holds."""
         total = self.samples
         steps = f"all {total} control steps" if count == total else f"the first {count} of {total} control steps"
         lap = "a lap" if self.laps == "one" else "every lap, for ever,"
@@ -216,10 +216,7 @@ def plain(name: str) -> str:
 
 
 def arm_in_words(arm: AnyArm) -> str:
-    """Return an arm in words: the arm of Table 1, or its values that differ from Table 1; for a robot, its digest.
-
-    A robot is named only if all its values are those of the shipped robot of that name.
-    """
+    """Return an arm in words: the arm of Table 1, or its values that differ; a shipped robot's name, or a digest."""
     if isinstance(arm, Robot):
         known = next((name for name in shipped_robots() if robot_named(name).digest == arm.digest), None)
         return f"the robot {known}" if known else f"a robot of {len(arm)} joints, numbers {arm.digest[:16]}"
@@ -339,7 +336,7 @@ def find_bound(
 
 
 def _lap(tube: Tube, name: str, advance: Callable[[], object]) -> _Lap:
-    """Return the bound of a lap; `NoBound` with a message that begins with `name`."""
+    """Return a lap's bound, else raise `NoBound`, its message beginning with `name`; call `advance` after each step."""
     steps: list[TubeStep] = []
     try:
         with np.errstate(all="ignore"):  # values that overflow become inf or nan, which fail every check

@@ -1,6 +1,6 @@
 """The file of a proven bound: the claim, and the centre and the radii of the tube, from which it can be checked again.
 
-A bound by cells has a file for the whole set and one file for each cell. The files contain data only, no code. Every
+A bound by cells has a file for the whole set and one file for each cell. The files contain no code. Every
 float is written as the shortest decimal that identifies it, so it is read back exactly. Fields of both kinds of files:
 
     schema          fuzzyarm-tip-bound/2, of cells fuzzyarm-tip-cells/3
@@ -134,7 +134,7 @@ class _Begin:
 
 @dataclasses.dataclass(frozen=True)
 class _LapDocument:
-    """A later lap in the file."""
+    """A lap after the first in the file."""
 
     begin: _Begin
     tip: list[float]
@@ -197,7 +197,7 @@ class _Document(_Claimed):
 
 @dataclasses.dataclass(frozen=True)
 class _CellsDocument(_Claimed):
-    """The content of the file of a bound by cells."""
+    """The content of the file of a bound that is proven cell by cell."""
 
     samples: int
     cells: list[str]
@@ -303,7 +303,7 @@ def is_bound(path: Path) -> bool:
 
 
 def check_bound(path: Path) -> BoundCheck:
-    """Check a file again: confirm every period of each claimed tube, without any search, and that cells cover the set.
+    """Check a file again, without any search: every period of each claimed tube, and the cover of the set by cells.
 
     ValueError if there is no such file, or it is damaged, or its policy has changed; OSError if it cannot be read.
     """

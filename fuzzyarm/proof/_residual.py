@@ -14,7 +14,7 @@ an interval I of time with midpoint m, by the mean value theorem,
 The derivatives of q_d are the coefficients of its power series (`arb_series`) about m and about the ball I, composed of
 the time law, the path and the inverse kinematics. The excess of the bound falls with the square of the length of I, so
 the intervals with the largest bounds are halved until these bounds are close to attained values. If that takes too
-long, the search ends with a looser but equally valid bound.
+long, the bound is looser but equally valid.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class _Bound:
         return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
-        """Return ρ̄_j at the midpoint and its bound in the interval, from `_motion` at the midpoint and on the ball."""
+        """Return ρ̄_j at the midpoint (motion `start`), and a bound on it within ± `half`, in t/T (motion `ball`)."""
         value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
         for order, rows in self.rows:
             # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints

@@ -42,9 +42,9 @@ If Ψ_iik < 0 and Ψ_ijk + Ψ_jik < 0 for i < j and all k, then the dissipation 
 Δ with ΔᵀΔ <= I. With y = P*⁻¹ x*, Ψ_2 maps (y, w, ·) to W_a x_p and -W_e ẋ_p: the two signals the uncertainty acts on.
 
 The paper prints T_32 with -Q_12; both terms of S_32 that contain E_k have a minus sign, and so has ΔE here. The rows
-T_21 and T_26 of ΔB are left out, because B_p is constant: the torques of this arm enter without uncertainty. With the
-integral, H and W act on e but not on x_I. `data.uncertainties` has one term for A and one for E as printed, or one term
-for each dropped premise; each term is a row of Ψ_2 with its own multiplier.
+T_21 and T_26 of ΔB are left out, because B_p is constant. With the integral, H and W act on e but not on x_I.
+`data.uncertainties` has one term for A and one for E as printed, or one term for each dropped premise; each term is a
+row of Ψ_2 with its own multiplier.
 
 Consistent-reference form: the matrix Ψ_ijk of Theorem 2 without the reference model (`error_psi`).
 
@@ -61,9 +61,8 @@ and V = ēᵀ P⁻¹ ē obeys V' + zᵀz - γ² dᵀd + 2αV < 0, z = C ē the p
             | C P                                0                               0      -I   ⋆     |   z
             | W_l P  or  -W_l Q_ij               0  or  -W_l X_ij                0      0    -τ_l I|
 
-with one row block and one multiplier τ_l for each dropped premise (on A, or on E). K_jk = M_jk P⁻¹. Without
-the integral ē = e. The paper has one multiplier for all uncertainties of A and one for E; one multiplier for each
-dropped premise is less conservative. Ψ is written without bars.
+with one row block and one multiplier τ_l for each dropped premise (on A, or on E). K_jk = M_jk P⁻¹. Without the
+integral ē = e. The paper's multipliers, one for A and one for E, are more conservative. Ψ is written without bars.
 
 *Fastest pole.* Backwards in time, the error obeys Ē dē/d(-t) = -(Ā + B̄ K̄) ē. So V falls no faster than exp(-2βt), that
 is V' + 2βV > 0 for d = 0, if the inequality for a decay rate of -β holds for -A and -B, with the same P and M_jk and
@@ -222,7 +221,7 @@ def _error_uncertainty(
 def _with_uncertainty(
     data: Vertices, tau: Any, corner: Any, uncertain: Callable[[Uncertainty], list[Any]]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return `corner` + Σ τ_l H_lᵀH_l and a block row for each dropped premise, which begins with `uncertain(...)`."""
+    """Return `corner` + Σ τ_l H_lᵀH_l and, for each dropped premise l, the block row `uncertain(l)`, zeros, -τ_l I."""
     rows = list[list[Any]]()
     scales = (tau[..., position] for position in range(tau.shape[-1]))
     for scale, term in zip(scales, data.uncertainties, strict=True):

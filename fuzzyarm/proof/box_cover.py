@@ -20,10 +20,9 @@ boxes are treated at a time, in floating point with a bound on every rounding er
   for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a δ above this bound proves A > 0.
 
 The only assumption is that sines and cosines of the mathematical library are accurate to `_LIBRARY` units in the last
-place. `proven_in_balls` proves the same boxes again in balls, without an assumption about floating point: coefficients
-are exact, sines and cosines are balls with outward rounding (FLINT's `arb`), and each control matrix is proven positive
-definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`. T may be any matrix; it is computed from a Cholesky
-factor in floating point.
+place. `proven_in_balls` proves the same boxes again in balls, without this assumption: coefficients are exact, sines
+and cosines are balls with outward rounding (FLINT's `arb`), and each control matrix is proven positive definite by
+Gershgorin's theorem on T A Tᵀ, as in `definiteness`.
 """
 
 from __future__ import annotations
@@ -105,7 +104,7 @@ def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
 
 
 def _control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
-    """Return the matrix (5, 5), as nested lists, that maps coefficients in one angle to control values.
+    """Return the matrix (5, 5), as nested lists, from coefficients of 1, cos q, ..., sin 2q to the control values f_i.
 
     The arguments are cosines and sines of the interval's middle m and half width h > 0 [rad], as arrays or balls.
     """

@@ -102,7 +102,7 @@ def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
 
 
 def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
-    """Return an x slightly above `values[-1]` for which `rest(x)` is proven positive definite; inf without a proof."""
+    """Return an x slightly above the last eigenvalue of `values`, with `rest(x)` proven positive definite; else inf."""
     tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
     return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 

@@ -11,8 +11,8 @@ A_i(q_i) = rotation_i exp([u_i]× q_i),
 
 where v_i and ω_i are linear in y, with coefficients multilinear in (cos q_k, sin q_k). So D is a polynomial of degree
 two in each such pair: a combination of 1, cos q, sin q, cos 2q and sin 2q for each angle. Five points on the unit
-circle with rational coordinates determine it, and all of this is computed in exact rationals from the robot's floats.
-If the base of the robot is at rest, the inertia does not depend on the first angle.
+circle with rational coordinates determine it, all in exact rationals from the robot's floats. If the base of the robot
+is at rest, the inertia does not depend on the first angle.
 
 *Bounds.* With M̄(q) = M(q) + R, R the reflected rotor inertias, and the scheduled inertia M̂(q) = Σ_r h_r(q) S_r,
 
@@ -54,11 +54,11 @@ _TO_BASIS = np.array(
 def _inertia_at(
     robot: Robot, cosines: Sequence[fmpq], sines: Sequence[fmpq], *, first: int, last: int, tail: np.ndarray | None
 ) -> np.ndarray:
-    """Return D of links `first` + 1 to `last`, exact rationals (s, s), at exact cosines and sines of their angles.
+    """Return the inertia D (s, s) of links `first` + 1 to `last`, in exact rationals; s = b + `last` - `first` + m.
 
-    Link a = `first` is the base; it rests if a = 0 (b = 0), otherwise the first b = 6 rows of D are for its twist.
-    Links beyond `last` are omitted, but with `tail`, W (6 + m, 6 + m), the energy ½ (v, ω, q̇)ᵀ W (v, ω, q̇) of the last
-    link's twist and m more rates is added; s = b + `last` - `first` + m.
+    Cosines and sines are those of the links' angles. Link `first` is the base: number 0 is at rest, b = 0; else b = 6,
+    and the first 6 rows and columns of D are for its twist. Links beyond `last` are omitted, m = 0; a `tail`, W (6 + m,
+    6 + m), adds their energy ½ (v, ω, q̇)ᵀ W (v, ω, q̇), (v, ω) the last link's twist, q̇ the rates of m more joints.
     """
     joints, moving = robot.joints[first:last], TWIST if first else 0
     size = moving + len(joints) + (0 if tail is None else len(tail) - TWIST)
@@ -83,7 +83,7 @@ def _inertia_at(
 
 
 def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | None = None) -> np.ndarray:
-    """Return the coefficients of D, see `_inertia_at`, in the basis of each angle on which D may depend.
+    """Return the coefficients of D, the inertia (s, s) of `_inertia_at`, in the angles' `BASIS`; `tail` as there.
 
     They are exact rationals (5, ..., 5, s, s), with one axis in the order of `BASIS` for each of the angles `first` + 1
     to `last` except the angle of joint 1.
@@ -168,7 +168,7 @@ def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split
 
 
 def _membership(premise: Premise, at_maximum: int, angles: int) -> np.ndarray:
-    """Return (1 + z)/2 if `at_maximum`, else (1 - z)/2, as coefficients: axis size 5 for z's angle, 1 for others."""
+    """Return (1 + z)/2 if `at_maximum`, else (1 - z)/2, as coefficients: the axis of z's angle has size 5, others 1."""
     values = np.full(BASIS, fmpq(0), dtype=object)
     values[0], values[premise.place] = fmpq(1, 2), fmpq(1 if at_maximum else -1, 2)
     return values.reshape([BASIS if axis == premise.joint - 1 else 1 for axis in range(angles)])

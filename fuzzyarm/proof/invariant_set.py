@@ -52,7 +52,7 @@ class Bounds(NamedTuple):
 
 
 class InvariantSet(NamedTuple):
-    """The set {V <= level}; level, disturbance and start are zero if there is no such set."""
+    """The set {V <= level}, invariant while |d| <= disturbance; level, disturbance and start are 0 if there is none."""
 
     level: float  # r
     disturbance: float  # largest |d| [N m] at every instant
@@ -79,7 +79,7 @@ def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
 
 
 def _largest(bounds: Bounds) -> tuple[float, float]:
-    """Return level and disturbance of the largest set, rounded down and proven; without one, 0 and the largest |w|."""
+    """Return the largest set's level and |d|, rounded down and proven; without one, 0 and the |w| the box allows."""
     if min(bounds.room) <= 0:
         return 0.0, 0.0
     widest = min(room * room / p for p, room in zip(bounds.spread, bounds.room, strict=True))
@@ -142,7 +142,7 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 
 
 def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
-    """Return an invariant set with a statement made of phrases; V <= steepest |e|² if only e is not zero."""
+    """Return {V <= level} for |d| <= d; V <= steepest |e|² if all but e is 0; the strings are for its statement."""
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
         f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "

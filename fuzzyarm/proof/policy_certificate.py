@@ -67,12 +67,12 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
 
 
 def tip_statement(reference: Reference) -> str:
-    """Check the motors' reference θ_d against the box; return what the certificate states for laws that track it.
+    """Return what the certificate states for laws that track the motors' reference θ_d, or why θ_d has none.
 
-    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ has two terms: one of the dropped
+    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ has two terms: one from dropped
     premises, which vanishes with the error, and u_ff without friction minus the rigid arm's inverse dynamics at θ_d,
     that is τ_d minus the torque that the links would need at θ_d. The second term is known in advance; its largest
-    value and the part of the box that θ_d takes are evaluated at `CHECKED_INSTANTS` instants.
+    value and the share of the box that θ_d uses are evaluated at `CHECKED_INSTANTS` instants.
     """
     return _along_the_tip(reference)[1]
 

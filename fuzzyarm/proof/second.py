@@ -1,8 +1,8 @@
 """A second checker of proven tip bounds, which imports nothing of this package.
 
-It reads the file of a bound and the controller file of its law and derives the bound again from separate equations. It
-uses the centre y(t), the radii ρ and each motor's friction plan from the file's tube. On a segment of length h, for a
-plant z(t), δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of the following must hold:
+It reads a bound's file and its law's controller file, and derives the bound again from separate equations, with the
+centre y(t), the radii ρ and the motors' friction plans of the file's tube. On a segment of length h, for a plant z(t),
+δ = z - y, ξ = (δθ, δq, δθ̇, δq̇, δu) and constants p = p_0 + Δp π, |π| <= 1, all of the following must hold:
 1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), where A is the linearisation at the middle of the segment, a(t) are the
    torques of the constants along the centre, and |w| <= w̄ bounds the terms missing in A wherever |S ξ| <= ρ: defects of
    the centre, derivatives of the links' torques on the tube minus those in A, times ρ, products Δp ρ, and friction.
@@ -118,7 +118,7 @@ class _Claim:
         self.count, self.sizes = round(self.duration / _PERIOD), [[len(lap.get(n, ())) for n in _LISTS] for lap in laps]
 
     def unknown(self) -> str:
-        """Return, in words, which parts of the claim this checker does not support; empty if it supports all."""
+        """Return, in words, what this checker does not support in the claim; empty if nothing."""
         odd = [f"the law {self.law!r} (only {', '.join(_LAWS)})"] * (self.law not in _LAWS)
         odd += [f"files of the schema {self.schema!r}"] * (self.schema not in _SCHEMAS)
         other = [(n, x) for n, x in self.known.items() if x not in _KNOWN[n]]
@@ -181,13 +181,13 @@ def _jacobian(f: Any, x: list[Any]) -> list[list[Any]]:
 
 
 def _link_slopes(c: list[Any], q: Any, v: Any, a: Any) -> list[list[list[Any]]]:
-    """Return the derivatives of `link_torque` with respect to q, q̇ and q̈, (2, 2) each."""
+    """Return the derivatives of `link_torque`, for its arguments, with respect to q, v and a, (2, 2) each."""
     rows = _jacobian(lambda x: link_torque(c, x[:2], x[2:4], x[4:]), [*q, *v, *a])
     return [[row[i : i + 2] for row in rows] for i in (0, 2, 4)]
 
 
 class _Plant:
-    """The arms of a set: the middles, in balls, and the half widths of the ranges of all constants."""
+    """The arms of a set: the middle (a ball) and the half width of each constant's range."""
 
     def __init__(self, robot: dict[str, Any], plants: dict[str, Any]) -> None:
         middle, half = dict[str, list[Any]](), dict[str, list[Any]]()
@@ -216,7 +216,7 @@ class _Plant:
         self.column = {kind: i for i, kind in enumerate(kinds)}  # column of the zonotope, by constant
 
     def friction(self, joint: int, v: Any) -> Any:
-        """Return a motor's dry friction F(v) [N m], even in v, for the middles of the ranges."""
+        """Return the size F(v) [N m] of a motor's dry friction, even in v, for the middles of all ranges."""
         fall = (-(v / self.stribeck) * (v / self.stribeck)).exp()
         return self.coulomb[joint] + (self.static[joint] - self.coulomb[joint]) * fall
 
@@ -249,7 +249,7 @@ def _on_circle(t: Any, duration: float) -> list[Any]:
 
 
 def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return q_d, q̇_d, q̈_d on the circle, q2 > 0, by power series in time; the balls contain the policy's floats."""
+    """Return balls of q_d, q̇_d, q̈_d on the circle at time t [s], with q_2 > 0, that contain the policy's floats."""
     (x, y), (one, two) = _on_circle(arb_series([t, 1], prec=3), duration), length
     q2 = ((x * x + y * y - one * one - two * two) / (2 * one * two)).acos()
     series = [(y / x).atan() - (two * q2.sin() / (one + two * q2.cos())).atan(), q2]  # x > 0
@@ -259,7 +259,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign of the computed θ̇_d at rest, decided by rounding errors, as in 11 τ - 18 τ + 9 τ - 2 τ."""
+    """Return the sign that rounding errors, as of 11 τ - 18 τ + 9 τ - 2 τ, give the computed θ̇_d at rest."""
     (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
@@ -305,7 +305,7 @@ class _Law:
         return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
     def respond(self: Any, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, Any, list[Any]]:
-        """Return u at x = (θ, θ̇, x_I) = `point`, ∂u/∂x (2, 6), a bound (2,) on the remainder in x ± `box`, and θ_d."""
+        """Return u at sample k, x = (θ, θ̇, x_I) = point; ∂u/∂x (2, 6); a bound (2,) on the rest in x ± box; and θ_d."""
         (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
         near, far = (_jacobian(lambda y: self._own(y, r), y) for y in (x, wide))  # ∂u/∂(θ, θ̇, x_I), (2, 6)
@@ -318,7 +318,7 @@ class _Law:
 
 
 class _ComputedTorque(_Law):
-    """Computed torque: own = f(θ, θ̇, θ̈_d - 3ω ė - 3ω² e - ω³ x_I) - f(r), f(q, v, a) = M a + C v + g + f_v v."""
+    """Computed torque: u - u_ff = f(θ, θ̇, θ̈_d - 3ω ė - 3ω² e - ω³ x_I) - f(r), f(q, v, a) = M a + C v + g + f_v v."""
 
     def _own(self, x: list[Any], r: list[Any]) -> list[Any]:
         n, e, w, both = self.nominal, _less(x, r), _OMEGA, []
@@ -329,14 +329,14 @@ class _ComputedTorque(_Law):
         return [a - b for a, b in zip(*both, strict=True)]
 
     def _gains_at(self, x: list[Any]) -> list[list[Any]]:
-        """Return the gains (2, 6) from (e, ė, x_I) to torques: M(q) times 3ω², 3ω and ω³."""
+        """Return the gains (2, 6) from (e, ė, x_I) to torques at the state x: M(θ) times 3ω², 3ω and ω³."""
         n, w, rows = self.nominal, _OMEGA, _link_slopes(self.nominal.c, x[:2], [arb(0)] * 2, [arb(0)] * 2)[2]
         rows = [[a + n.inertia[j] * int(i == j) for i, a in enumerate(row)] for j, row in enumerate(rows)]
         return [[factor * a for factor in (3 * w * w, 3 * w, w**3) for a in row] for row in rows]
 
 
 class _Fuzzy(_Law):
-    """Fuzzy law: own = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r, L affine in z = (cos θ_2, -c_5 sinc(θ_1 + θ_2))."""
+    """Fuzzy law: u - u_ff = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r, affine L, z = (cos θ_2, -c_5 sinc(θ_1 + θ_2))."""
 
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         super().__init__({name: _read(value) for name, value in document["robot"].items()}, duration)
@@ -372,7 +372,7 @@ def _dot(a: list[Any], b: list[Any]) -> Any:
 
 
 class _Course:
-    """A function f(s) = Σ c_j T_j(s) ± `left` on a segment, T_j Chebyshev's polynomials."""
+    """A function f(s) = Σ c_j T_j(s) ± `left` on a segment, -1 <= s <= 1, with Chebyshev polynomials T_j."""
 
     def __init__(self, c: list[Any], left: float) -> None:
         self.c, self.left, self.sizes = c, left, [_upper(x) for x in c]
@@ -387,7 +387,7 @@ class _Course:
         return (sum(self.sizes) + self.left) * _UP
 
     def range(self) -> tuple[float, float]:
-        """Return lower and upper bounds on f: its end values if |c_1| > Σ j² |c_j|, j > 1, because |T_j'| <= j²."""
+        """Return bounds on f: its end values if |c_1| > Σ j² |c_j|, j > 1, because |T_j'| <= j², else c_0 ± Σ |c_j|."""
         ends = [_ends(x) for x in (sum(self.c, arb(0)), sum(self.c[::2], arb(0)) - sum(self.c[1::2], arb(0)))]
         beside = self.left
         if not float(self.c[1].abs_lower()) > 1.001 * sum(j * j * x for j, x in enumerate(self.sizes[2:], 2)):
@@ -422,7 +422,7 @@ class _Motion:
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return courses of functions f(x, v, a, t) along the centre: of `linear`, exactly, and of all `others`."""
+        """Return courses along the centre of f(x, v, a, t), see `at`: of `linear`, exactly, and of all `others`."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -454,7 +454,7 @@ _distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
 def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return bounds on |X G g| for `rows` X, with `own` added to the columns of X G that belong to the constants."""
+    """Return bounds on |X G g|, |g| <= 1, with `own` added to the constants' columns of X G; rows: X and its radii."""
     image = np.einsum("ij,jk", rows[0], G)
     image[:, : own.shape[1]] += own
     spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
@@ -492,7 +492,7 @@ class _Friction:
         return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
     def bound(self, tube_v: float, spread: float, h: float) -> Any:
-        """Return a bound on |Γ_f + P| [N m] without the linear slope, for |δv| <= `tube_v`, |N - N_y| <= `spread`."""
+        """Return a bound on |Γ_f + P - slope δv| [N m] for |δv| <= tube_v, |N - N_y| <= spread over h (y: centre)."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         if self.plan == "any":
@@ -536,7 +536,7 @@ class _Friction:
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
     def after(self, tube_v: float, spread: float, h: float, end: float) -> tuple[float, float]:
-        """Return bounds on v [rad/s] at the end of the segment, where the centre has the velocity `end`."""
+        """Return bounds on v [rad/s] at the end of the segment, the centre's being `end`; arguments as for `bound`."""
         if self.plan in ("any", "held"):
             return (-math.inf, math.inf) if self.plan == "any" else (0.0, 0.0)
         falling, rising = self._rates(tube_v, spread)
@@ -575,7 +575,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the indices of control steps; of endless laps, repeat the last one until it ends in its initial set."""
+        """Yield the indices of control steps; of endless laps, the last again until its end lies in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -586,7 +586,7 @@ class _Tube:
                     raise _Refused("the set in which the final lap ends is not inside the set in which it begins")
 
     def step(self, place: int) -> tuple[float, float]:
-        """Take a control step; return bounds on the tip error during the step and at its end [m]."""
+        """Take the control step of this index; return bounds on the tip error during the step and at its end [m]."""
         self._tag = _ROW * (k := place % self._claim.count)
         torque, begun, most = self._sample(k), 0.0, 0.0
         for part in self._claim.steps[place]:
@@ -603,8 +603,8 @@ class _Tube:
         """Return whether a lap ends in its initial set, and begin the next lap in a set around this end.
 
         Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. The end of the next lap has
-        columns with the same tags; the differences are `rest`. It lies in the set if B g' = rest has a solution with
-        |g'| <= 1: with E = 1 - W B for W near B⁻¹, |g'| <= max |W rest| / (1 - |E|).
+        columns with the same tags; less c + C π + G g, it is `rest`. It lies in the set if B g' = rest has a solution
+        with |g'| <= 1: for W near B⁻¹ and E = I - W B, |g'| <= |W rest| / (1 - |E|), all in the maximum norm.
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
         point, G = np.array([*self._centre, *self._memory]), self._G[rows]
@@ -627,14 +627,14 @@ class _Tube:
         return inside
 
     def _widen(self, box: np.ndarray, *columns: np.ndarray) -> None:
-        """Add a box to the first rows of the zonotope, and further columns."""
+        """Add a box of these half widths to the first rows of the zonotope, and further columns."""
         wide = np.eye(12)[:, : len(box)] * box
         self._G = np.hstack([self._G, wide[:, box > 0.0], *columns])
         count = self._G.shape[1] - len(self._plant.column) - len(self._tags)
         self._tags, self._tag = np.append(self._tags, self._tag + np.arange(count)), self._tag + count
 
     def _move(self, of: list[list[Any]]) -> None:
-        """Measure deviations from the centre's floats, not from angles and velocities `of` that differ by rounding."""
+        """Add to the zonotope what the centre's floats differ by from `of`, its unrounded angles and velocities."""
         self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
 
     def _prune(self) -> None:
@@ -671,7 +671,7 @@ class _Tube:
         return torque
 
     def _cross(self, part: dict[str, Any], begin: float, torque: np.ndarray) -> float:
-        """Propagate the zonotope over a segment; return a bound on the tip error during the segment [m]."""
+        """Propagate the zonotope over a segment from `begin` [s], torque held; return a bound on its tip error [m]."""
         p, radii, h = self._plant, np.array(part["tube"], dtype=float), part["duration"]
         whole = radii.shape == (18,) and len(part["plans"]) == len(part["modes"]) == 2
         if not (whole and np.isfinite(radii).all() and (radii >= 0.0).all() and 0.0 < h <= _PERIOD):
@@ -729,7 +729,7 @@ class _Tube:
         return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
 
     def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
-        """Return A (10, 10), b (10, 6), S (18 + 2 masses, 10) and D of ξ̇ = A ξ + b w with the output S ξ + D w."""
+        """Return A (10, 10), b (10, 6), S (n, 10), D (n, 6) of ξ̇ = A ξ + b w, output S ξ + D w; n = 18 + 2 per mass."""
         p, zero, (angle, speed, mass) = self._plant, arb(0), slopes[0]
         A, b, D = ([[zero] * n for _ in range(rows)] for rows, n in ((10, 10), (10, 6), (18, 6)))
         S = [[arb(int(i == j)) for j in range(10)] for i in range(8)]
@@ -767,7 +767,7 @@ class _Tube:
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
-        """Return level and slope (6, m) of the constants' torques, bounds on remainders (6,) and on the motors (2,)."""
+        """Return the constants' torques: level, slope (6, m); bounds on remainders (6,) and on sums at motors (2,)."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
         signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
@@ -791,7 +791,7 @@ class _Tube:
         return level, slope, rest, sizes
 
     def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
-        """Return w̄ (6,) for a claimed tube, the resulting bounds (18,) on |S ξ|, and bounds (2,) on |N - N_y| [N m]."""
+        """Return bounds for a claimed tube (18,): w̄ (6,) on |w|, hence (18,) on |S ξ|, and (2,) on |N - N_y| [N m]."""
         (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
         w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
@@ -822,9 +822,9 @@ class _Tube:
         return w, reached, spread
 
     def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
-        """Return bounds on |S ξ| for w = 0, on the effect of w = 1, and a function of w̄ that propagates the zonotope.
+        """Return bounds on |S ξ|: (n,) at w = 0, (n, 6) per unit of |w|; a function of w̄ that propagates the zonotope.
 
-        Between both ends, S ξ_h is within h²/8 sup |S ξ̈_h| of a line, with ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ). For each
+        S ξ_h is within h²/8 sup |S ξ̈_h| of a line, ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ), a = level + slope s. For each
         half of the segment, two moments of w about the middle of the half become columns; the third becomes a box.
         """
         m, G, size_A, size_b, SA = level.shape[1], self._G[:10], _above(A), _above(b), S * A
@@ -868,7 +868,7 @@ class _Tube:
         return free, push * _UP, after
 
     def _tip(self, t: float) -> float:
-        """Return a bound on |p(q) - p_r| [m] at time t, from `_TURNS` directions and the quadratic remainder."""
+        """Return a bound on |p(q) - p_r| [m] at time t: linear part in `_TURNS` directions, and quadratic remainder."""
         q, length = [arb(x) for x in self._centre[2:4]], self._plant.length
         tip, J = _tip(q, length), _jacobian(lambda x: _tip(x, length), q)
         off = [a - b for a, b in zip(tip, _on_circle(arb(t), self._claim.duration), strict=True)]
