@@ -13,7 +13,7 @@ and a function f is approximated by a line on |x - z| <= r (Taylor's theorem),
     f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
 
 A maximum is approximated by the line through its end values; for `stick_slip` see `_stick_slip`. If several rows of a
-table are possible, the law is evaluated for each of them, see `_Places`. Any other undecided choice raises `NoBound`.
+table are possible, the law is evaluated for each, see `_Places`. Any other undecided choice raises `NoBound`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _FARTHEST = 1e3  # largest angle [rad] for which the floats of sine and cosine a
 
 
 class Space:
-    """The variables of affine numbers (zonotope deviations and unknowns), and the recorder for a law run on them."""
+    """The variables of affine numbers (deviations and unknowns), and the recorder for a law run on them."""
 
     def __init__(self, base: Zonotope) -> None:
         self.base, self.unknowns = base, 0  # the zonotope, and the number of unknowns
@@ -73,7 +73,7 @@ class Space:
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def reach_of(self, row: np.ndarray) -> float:
-        """Return the bound of `reach` for a single row (n,), computed without blocks, which is faster."""
+        """Return `reach` of a single row (n,), without blocks, which is faster."""
         n, sizes = len(self._totals), np.abs(row)
         found = np.abs(row[:n] @ self._columns).sum() + sizes[:n] @ self._box + sizes[n:].sum()
         return float(found) * ROUND_UP
@@ -87,7 +87,7 @@ class Space:
         return range(count)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return function(*arguments), by its enclosure in `_ENCLOSED` if it has one; see `numbers.functions.apart`."""
+        """Return function(*arguments), using its enclosure in `_ENCLOSED` if any; see `numbers.functions.apart`."""
         known = _ENCLOSED.get(function)
         if known is None or not any(isinstance(x, Affine) for x in arguments):
             return function(*arguments)
@@ -100,7 +100,7 @@ class Space:
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return enclosures of y + sign Σ w_c G_c x for all possible rows G_c of a table; each corner is (row, w_c)."""
+        """Return enclosures of y + sign Σ w_c G_c x for all G_c that the corners (row, w_c) may select in a table."""
         found = []
         for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
             at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]
@@ -111,8 +111,7 @@ class Space:
     def _weighted(self, parts: list[tuple[np.ndarray, Affine]], sign: float, x: Any, y: Any) -> list[Affine]:
         """Return y + sign Σ w_c G_c x for parts (G_c, w_c).
 
-        It is computed as y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x); the nonlinear part of this form is small,
-        because Σ w_c hardly varies.
+        The form y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x) is almost linear, because Σ w_c hardly varies.
         """
         (first, weight), *others = parts
         sizes = np.array([self.number(one).largest() for one in x])
@@ -250,7 +249,7 @@ class Affine:
         self.parts: tuple[Any, Any] | None = None  # the two arguments of an undecided maximum
 
     def reach(self) -> float:
-        """Return a bound on |r (ξ, g)|."""
+        """Return a bound on |r (ξ, g)|, the linear part of x."""
         if self._reach is None:
             self._reach = self.space.reach_of(self.row)
         return self._reach
@@ -269,7 +268,7 @@ class Affine:
         return (abs(self.middle) + self.reach() + self.rest) * _UP
 
     def widened(self, left: float, *, fresh: bool = False) -> Affine:
-        """Return the number with a further deviation of at most `left`: in β, or a new unknown if `fresh` and large."""
+        """Return x plus a deviation up to `left`: in β, or a new unknown if `fresh` and `left` > `WORTH` · `size`."""
         if fresh and left > WORTH * self.size:
             row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
             row[: len(self.row)], row[-1] = self.row, left
@@ -383,7 +382,7 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _rounded(
     of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
 ) -> Affine:
-    """Return the result of an operation, with its rounding error added to `rest`."""
+    """Return an `Affine` in the space of `of`, with the rounding error of an operation added to `rest`."""
     return Affine(of.space, middle, row, size * _UP, (rest + _ROUND * (abs(middle) + size)) * _UP + _TINY, reach)
 
 
@@ -415,7 +414,7 @@ class _Undecided:
     __rand__, __ror__, __rmul__ = __and__, __or__, __mul__
 
     def select(self, first: Any, second: Any) -> Any:
-        """Return the choice if it is the maximum or the minimum of two numbers; `NoBound` for any other choice."""
+        """Return `first` if the condition holds, else `second`; `NoBound` unless this is their maximum or minimum."""
         if self.lesser is not None and first is self.greater and second is self.lesser:
             larger = self.lesser + _positive_part(self.greater - self.lesser)
             larger.parts = first, second
@@ -426,7 +425,7 @@ class _Undecided:
         return first if first is second else bool(self)
 
     def when(self, *_: Any) -> Any:
-        """Raise `NoBound`; the condition of a branch must be decided."""
+        """Raise `NoBound`: a branch needs a condition that is the same at all points."""
         return bool(self)
 
     only = when
@@ -441,7 +440,7 @@ def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
 
 
 def _level(a: Any, b: Any) -> Affine | None:
-    """Return min(a, b) as an unknown in a range if it limits to this range an x that may exceed both; else None."""
+    """If min(a, b) limits an x to a range that x may leave at both ends, return it as an unknown in it, else None."""
     larger, most = (a, b) if isinstance(a, Affine) else (b, a)
     if isinstance(most, Affine) or larger.parts is None:
         return None
@@ -456,7 +455,7 @@ def _level(a: Any, b: Any) -> Affine | None:
 
 
 def _positive_part(x: Affine) -> Affine:
-    """Return max(x, 0) as λ x + [0, c], from the line through its end values; x may have either sign."""
+    """Return max(x, 0) as λ x + [0, c] for an x of undecided sign; λ is the slope between the end values."""
     low, high = x.range()
     slope = high / (high - low)
     most = max(-slope * low, high * (1.0 - slope)) * _UP
@@ -473,7 +472,7 @@ class _Places:
         self.source, self.values = source, tuple(values)  # the argument of `floor`, and the values
 
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
-        """Apply an operation to each value and `others`; `NoBound` if these depend on another undecided floor."""
+        """Apply an operation to each value and `others`; `NoBound` if one of these depends on another `floor`."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
             raise NoBound("the law combines two table look-ups whose rows differ between states of the tube")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
@@ -488,12 +487,12 @@ class _Places:
     __float__ = __bool__
 
     def select(self, first: Any, second: Any) -> _Places:
-        """Return the choice between two numbers, with each of the values as the condition."""
+        """Return, for each of the values as the condition, `first` if it holds, else `second`."""
         return self.each(select, first, second)
 
     @staticmethod
     def row(_: Any, place: _Places, *_others: Any) -> Any:
-        """Raise `NoBound`; the row of a table must be decided, except in `Space.interpolated`."""
+        """Raise `NoBound`: several rows of the table are possible, which only `Space.interpolated` encloses."""
         return bool(place)
 
     entry = row
@@ -525,15 +524,16 @@ def _bent(function: _Bend, x: Affine) -> Affine:
 
 
 def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:
-    """Return the velocity v' and the angle e that `stick_slip` returns for v, α, f and h, its arguments in order.
+    """Return the velocity v' and the angle e that `stick_slip` returns for its arguments v, α, f and h.
 
     The velocity is v' = v + h (α ∓ f) if the motor slips in one direction throughout, and v' = 0 if it comes to rest.
-    v' and the angle e are continuous in (v, α, f), because friction does not drive two motions apart, with
+    v' and the angle e are continuous in (v, α, f), because friction does not drive two motions apart:
 
         0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
-        0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move;
+        0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move.
 
-    lines with half these slopes leave half these widths as remainders. Or, if narrower, f bounds an arbitrary friction.
+    The results are linear with the mean slopes, and the remainders half of these widths times the deviations; or, if
+    narrower, f bounds an arbitrary friction.
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:
@@ -569,4 +569,4 @@ _ENCLOSED: dict[Any, Callable[..., Any]] = {
     network.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
     friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
 }
-"""The functions used by laws that have a separate enclosure, with that enclosure."""
+"""The functions of laws with a separate enclosure, and that enclosure."""

@@ -57,14 +57,14 @@ def between_samples(
 
 
 def _tip_acceleration(q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], plant: BallPlant) -> list[Any]:
-    """Return the tip's acceleration p̈ [m/s²], twice the second coefficient of p(q + q̇ t + q̈ t²/2)."""
+    """Return the tip's acceleration p̈ [m/s²], twice the coefficient of t² in p(q + q̇ t + q̈ t²/2)."""
     ctx.cap = 3
     course = (arb_series([a, b, c / 2]) for a, b, c in zip(q, dq, ddq, strict=True))
     return [2 * axis[2] for axis in plant.physics.tip(plant.physics.PerJoint(*course), plant.exact)]
 
 
 def _wanted(reference: PathReference, begin: float, period: float) -> list[Any]:
-    """Return the reference's p̈_r = p'' ṡ² + p' s̈ [m/s²] in a period; it rests before 0 and after its duration."""
+    """Enclose p̈_r = p'' ṡ² + p' s̈ [m/s²] by axis, in `period` from `begin` [s]; 0 before and after the motion."""
     slack = _CLOCK * (begin + period)
     low, high = ((arb(t) / arb(reference.duration)) for t in (begin - slack, begin + period + slack))
     x = between(max(low_high(low)[0], 0.0), min(max(low_high(high)[1], 0.0), 1.0))
@@ -90,7 +90,7 @@ def _derivatives(path: TipPath, s: Any) -> tuple[Sequence[Any], Sequence[Any]]:
 
 
 def _on_piece(c: np.ndarray, h: Any) -> tuple[list[Any], list[Any]]:
-    """Return two derivatives of a spline's piece at h from its start, from coefficients (4, axes), h³'s first."""
+    """Return the first two derivatives by h, for each axis, of a cubic with coefficients c (4, axes), h³'s first."""
     columns = c.T.tolist()
     return [(3 * a * h + 2 * b) * h + d for a, b, d, _ in columns], [6 * a * h + 2 * b for a, b, _, _ in columns]
 

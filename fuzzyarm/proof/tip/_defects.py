@@ -32,7 +32,7 @@ _ORDER = DEGREE + 1  # coefficients of a power series, without that of the remai
 
 
 def _bernstein_table(degree: int) -> Any:
-    """Return the matrix that converts coefficients in s in [-1, 1] to those in the Bernstein basis, one row each."""
+    """Return the matrix that converts a polynomial's coefficients to those in the Bernstein basis on [-1, 1]."""
 
     def entry(i: int, j: int) -> arb:
         # The i-th coefficient of s^j = (x - (1 - x))^j, s = 2 x - 1.
@@ -44,7 +44,7 @@ def _bernstein_table(degree: int) -> Any:
 
 
 def _shift_table() -> Any:
-    """Return the matrix that converts coefficients about 0 to those about the ball [-1, 1], one row each."""
+    """Return the matrix that converts a polynomial's coefficients about 0 to those about all points of [-1, 1]."""
     powers = [arb(1), *[between(-1.0, 1.0)] * DEGREE]  # of s, which all lie in [-1, 1]
     return arb_mat([
         [arb(math.comb(j, i)) * powers[j - i] if j >= i else arb(0) for j in range(DEGREE + 1)]
@@ -78,7 +78,7 @@ class Signal:
         return self + -1 * other
 
     def derivative(self, rate: arb) -> Signal:
-        """Return the derivative by time; `rate` is ds/dt [1/s]."""
+        """Return the derivative with respect to time; `rate` is ds/dt [1/s]."""
         return Signal(rate * i * a for i, a in enumerate(self.coefficients[1:], 1))
 
     def at(self, s: Any) -> Any:
@@ -86,11 +86,11 @@ class Signal:
         return sum((a * s**i for i, a in enumerate(self.coefficients)), arb(0))
 
     def range(self) -> Any:
-        """Return the ball a_0 + [-1, 1] Σ |a_i|, which encloses the signal during the whole period."""
+        """Return the ball a_0 + [-1, 1] Σ |a_i|, which encloses the signal during the period."""
         return self[0] + sum((largest(a) for a in self.coefficients[1:]), 0.0) * between(-1.0, 1.0)
 
     def size(self) -> float:
-        """Return a bound on the absolute value of the signal during the whole period."""
+        """Return a bound on the absolute value of the signal during the period."""
         return largest(self.range())
 
     def bent(self) -> float:
@@ -98,15 +98,12 @@ class Signal:
         return sum(largest(a) for a in self.coefficients[2:]) * (1.0 + 2.0**-40)
 
     def ends(self) -> tuple[float, float]:
-        """Return the lowest and highest coefficient in Bernstein's basis, which enclose the range.
-
-        For a monotone signal they are equal to or close to its values at both ends.
-        """
+        """Return the lowest and highest Bernstein coefficient, which enclose the range, closely if monotone."""
         ends = [low_high(x) for x in (_BERNSTEIN * self._column(DEGREE + 2)).entries()]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     def about_all(self) -> list[Any]:
-        """Return the coefficients about the ball s in [-1, 1], which give Lagrange's remainder."""
+        """Return the Taylor coefficients about all points of [-1, 1], in balls, which give Lagrange's remainder."""
         return (_SHIFT * self._column(DEGREE + 1)).entries()  # type: ignore[no-any-return]
 
     def _column(self, rows: int) -> Any:
@@ -135,7 +132,7 @@ class TipForces(NamedTuple):
 
 
 class PeriodMotion:
-    """The centre of a period, or of a part of one, in balls: its angles and their derivatives as signals [rad, s]."""
+    """The tube's centre in a period or a part of one, in balls: angles and their derivatives as signals [rad, s]."""
 
     def __init__(self, angles: np.ndarray, period: float, physics: Physics) -> None:
         """Take the coefficients (4, DEGREE + 1) of the angles [rad], the duration [s], and the equations of the arm."""
@@ -147,7 +144,7 @@ class PeriodMotion:
 
     @functools.cached_property
     def link_ranges(self) -> list[list[Any]]:
-        """Balls that enclose the angles, velocities and accelerations of all links during the whole period."""
+        """Balls that enclose the angles, velocities and accelerations of all links during the period."""
         return [[signal.range() for signal in kind] for kind in self.links]
 
     def at(self, s: int) -> list[Any]:
@@ -179,12 +176,12 @@ class PeriodMotion:
         return _through(torques, *itertools.chain(*self.links), *force)
 
     def link_defects(self, torques: list[Signal], arm: Any) -> list[Signal]:
-        """Return the defects d = K φ + B φ̇ - R [N m] of all links, for their torques R and the constants of `arm`."""
+        """Return the defects d = K φ + B φ̇ - R [N m] of all links, for their torques R, with the constants of `arm`."""
         drives = enumerate(motors(arm, torques))
         return [own.stiffness * self.bending(j) + own.damping * self.bending_rate(j) - torques[j] for j, own in drives]
 
     def lever_arms(self, directions: np.ndarray, arm: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return joint torques Jᵀ d (2, 2) [m] for unit forces d (rows) at mid-period, and bounds on their change."""
+        """Return Jᵀ d (2, 2) [m] for unit forces d (rows) at mid-period, and bounds on its change in the period."""
         lever, spread = np.zeros((self._joints, len(directions))), np.zeros((self._joints, len(directions)))
         middles, force = [signal[0] for signal in self.links[0]], self._physics.Point
         for axis, unit in enumerate(directions.tolist()):
@@ -212,7 +209,7 @@ def link_torque(physics: Physics, motion: Sequence[Sequence[Any]], force: Sequen
 
     `motion` has angles [rad], velocities [rad/s] and accelerations [rad/s²], one for each joint. The motion and the tip
     `force` [N], one for each axis or empty, are of any number type: balls, jets or power series. The equations are
-    those of the environment, linear in q̈ and in the constants of the arm.
+    the environment's, linear in q̈ and in the arm's constants.
     """
     angles, rates, accelerations = (physics.PerJoint(*part) for part in motion)
     torques = physics.inverse_dynamics(angles, rates, accelerations, arm)

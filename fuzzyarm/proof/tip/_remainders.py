@@ -1,6 +1,6 @@
 """Bounds on the torques omitted by the linear equation of the deviation in one period, channel by channel.
 
-With the tube |S ξ| <= ρ during the period, the bounds of these torques are
+On the tube |S ξ| <= ρ their bounds are
 
     links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
              and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
@@ -16,8 +16,8 @@ and the nonlinear parts of the uncertain constants' torques along the centre. Th
     mass, payload, force   -Δp R_p on the links.
 
 A constant keeps its value, so its column of the zonotope is driven by the signal with one fixed factor in [-1, 1].
-A motor whose velocity is bounded separately (`Plan.MONOTONE`) has no such signal: its channel represents the velocity,
-and the bound on the velocity includes the torques of the constants (`Friction.driving`).
+A motor whose velocity is bounded separately (`Plan.MONOTONE`) has no such signal: its channel is the velocity, and the
+bound includes the torques of the constants (`Friction.driving`).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class _Linearised:
     """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant, arm: Any) -> None:
-        """Linearise R for the constants `arm` in balls: those of the plant, or the part due to one mass."""
+        """Linearise R for constants `arm` in balls: those of the plant's middle, or the part due to one mass."""
         self._motion, self._force, self._plant, self._arm = motion, force, plant, arm
         middles, push = [[signal[0] for signal in kind] for kind in motion.links], [part[0] for part in force.middle]
         slopes = _link_slopes(plant.physics, middles, push, arm)
@@ -82,14 +82,15 @@ class _Linearised:
 
 
 class LinkRemainder:
-    """The torques on the links omitted by their linear equation in one period.
+    """The torques n that the linear equation of the links omits, in one period.
 
-    With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
+    R is the links' torque, p an uncertain mass or the payload, and |δx| <= ρ_x. With R(·; p) = R + Σ π_p R_p,
+    |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
 
         |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: `_Linearised.left_out` for R and for R_p on the tube.
 
-    r_p ξ is observed like the other rows. Opposite motions of the links cancel in r_p ξ, unlike in |M_p| ρ_q̈ + |R_p,q|
-    ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two bounds is used.
+    r_p ξ is observed like the other rows, so that opposite motions of the links cancel. If it is smaller, the bound on
+    its three terms on the tube is used.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
@@ -103,9 +104,9 @@ class LinkRemainder:
         )
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """Return bounds (2,) [N m] on the omitted torques |n| for a claimed tube ρ (18,) and the other torques w̄ (8,).
+        """Return bounds (2,) [N m] on the omitted torques for a claimed tube ρ (18,) and bounds (8,) on all others.
 
-        The observed rows, which end with the `products`, are within free (18 + n,) + push (18 + n, 8) w̄.
+        With both in w̄, the observed rows (the last k are `products`) are within free (18 + k,) + push (18 + k, 8) w̄.
         """
         fixed = self._whole.left_out(tube)
         for one in self._masses:
@@ -121,12 +122,12 @@ class LinkRemainder:
         return np.asarray(found)
 
     def _by_link(self, torques: np.ndarray) -> np.ndarray:
-        """Return the sum over the masses, by link (2,), of torques (2 masses,) in the order of mass, then of link."""
+        """Return the sum over the masses, by link (2,), of torques (2 masses,), by mass, then by link."""
         return np.asarray(torques.reshape(-1, self._layout.joints).sum(axis=0))
 
 
 class ConstantForces(NamedTuple):
-    """The torques [N m] and forces [N] of the uncertain constants along the centre, during one period."""
+    """The torques [N m] along the centre due to the uncertain constants, during one period."""
 
     # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
     level: np.ndarray
@@ -136,7 +137,7 @@ class ConstantForces(NamedTuple):
 
     @classmethod
     def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> ConstantForces:
-        """Return the torques of all constants except dry friction, whose torques depend on the plan."""
+        """Return the torques due to all uncertain constants except dry friction, which depends on the plan."""
         channels, count, joints = plant.layout.channels, plant.layout.channel_count, plant.physics.joints
         shape = count, len(plant.parameters)
         drive = cls(np.zeros(shape), np.zeros(shape), np.zeros(count), np.zeros(joints))
@@ -159,7 +160,7 @@ class ConstantForces(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> ConstantForces:
-        """Return the torques of all uncertain constants, including dry friction according to the motors' plans."""
+        """Return the torques due to all uncertain constants, including dry friction by the motors' plans."""
         drive, channels = ConstantForces(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
@@ -171,7 +172,7 @@ class ConstantForces(NamedTuple):
         return drive
 
     def _add(self, constant: int, channel: int, factor: arb, signal: Signal) -> None:
-        """Add the torque of a constant, factor · signal: its linear part, its remainder, and its size on the motor."""
+        """Add factor · signal, a constant's torque in a channel (indices), to `level`, `slope`, `rest` and `motor`."""
         torque = factor * signal
         level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope

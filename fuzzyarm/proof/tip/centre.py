@@ -134,7 +134,7 @@ class Centre:
         return torque - own.stiffness * (theta - q) - own.damping * (dtheta - dq) - own.viscous * dtheta
 
     def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
-        """Return the share of a segment until a motor first changes its mode (1 if none does), and that motor."""
+        """Return the fraction of a segment before a motor first changes its mode (1 if none does), and which one."""
         s = np.linspace(-1.0, 1.0, _SAMPLES)
         first = 1.0, 0
         values = polynomial.polyval(s, found.angles.T)
@@ -214,7 +214,7 @@ class Centre:
 
 
 def _part(force: np.ndarray, begun: float, duration: float, period: float) -> np.ndarray:
-    """Return the linear force (4,), as in `segments`, for a part of a period that begins at `begun` [s]."""
+    """Return a period's linear force (4,), as in `segments`, for a part that lasts `duration` [s] from `begun`."""
     at = (begun + 0.5 * duration) / period - 0.5
     mean, change = np.split(force, 2)
     return np.concatenate([mean + at * change, change * (duration / period)])

@@ -1,13 +1,13 @@
 """Bounds on the difference between a motor's friction and the centre's, on the tube of one period.
 
 The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
-the friction -P (`_defects`), so the torque on the deviation is w = Γ_f + P. Three facts are known about w:
+the friction -P (`_defects`), so the torque on the deviation is w = Γ_f + P:
 
     v > 0     w = P - F(v);          v < 0     w = P + F(v);
     v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
 
 *Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min, so v <= max(0, v_0 + t (N_max - F_min)/I_a); v < 0 is similar.
-This bound on v is separate from the tube's: it may rule out one sign although the tube contains zero.
+This bound on v may rule out one sign although the tube contains zero.
 
 *Monotonicity.* v -> F(v) sgn v + L v increases, where L is the largest -F' on the tube. If -P is within η of the law's
 friction at the centre's velocity, the velocities of two solutions diverge no faster than
@@ -15,14 +15,14 @@ I_a |δv|' <= |δN| + η + L |δv|, whether the motor sticks or slips.
 
 *Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
 
-*Curve.* The proof uses these properties of the friction curve, which `check_curve` proves in balls:
+*Curve.* The proof uses these properties of the curve, which `check_curve` proves in balls:
 
     F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
 
 At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` times the speed
 of inflection, the remaining decrease is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and
-|F - F(∞)| <= 2^-40 Γ_fs, which `_Curve.slopes` and `_Curve.strength` add. All conditions are checked on power series of
-the curve `STRIBECK.magnitude` itself, about balls that cover the speeds up to 2^100 times the inflection's.
+|F - F(∞)| <= 2^-40 Γ_fs, which `_Curve.slopes` and `_Curve.strength` add. All are checked on power series of
+`STRIBECK.magnitude` about balls that cover speeds up to 2^100 times the inflection's.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def check_curve(arm: Any, joints: int) -> None:
 
 
 class Plan(enum.Enum):
-    """The argument that bounds the friction of a motor in one period."""
+    """The way in which the friction of a motor is bounded in one period."""
 
     ANY = "any"  # the friction is any torque up to the static one
     HELD = "held"  # the motor rests, as the centre does
@@ -173,8 +173,7 @@ class Friction:
     def parted(self, start: float, duration: float, torque: float) -> float:
         """Return a bound on |δv| [rad/s] during a segment, under the plan MONOTONE.
 
-        At the start of the segment, which lasts `duration` [s], |δv| <= `start` [rad/s]; |δN| + η <= `torque` [N m],
-        see `driving`.
+        It lasts `duration` [s]; at its start |δv| <= `start` [rad/s]; |δN| + η <= `torque` [N m], see `driving`.
         """
         # If a slipping centre's velocity slightly overshoots zero, it is shifted by `aside` for the comparison.
         aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
@@ -200,11 +199,11 @@ class Friction:
         return (tube_net + self._needed_size + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound on |w| [N m], without the signal of `torque`; `PlanFails` if the tube contradicts the plan.
+        """Return a bound on |w| [N m], the friction less the centre's; `PlanFails` if the tube contradicts the plan.
 
-        The tube has the radii `tube_speed` of v [rad/s] and `tube_net` of N [N m]. `constants` bounds the torques [N m]
-        of the uncertain constants on this motor along the centre, `products` the torques from the products of these
-        constants with the deviation.
+        The friction factor's effect on `torque` is left out. The tube has the radii `tube_speed` of v [rad/s] and
+        `tube_net` of the net torque [N m]. `constants` bounds the torques [N m] of the uncertain constants on this
+        motor along the centre, `products` those due to the deviation.
         """
         low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:
@@ -256,7 +255,7 @@ class Friction:
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
-        """Return the least v̇ for v < 0, the largest for v > 0 [rad/s²]; N is within `spread` [N m] of the centre's."""
+        """Return the least v̇ [rad/s²] for low <= v < 0, the largest for 0 < v <= high, if |δN| <= `spread` [N m]."""
         net_low, net_high = low_high(self._net)
         backward = self.share[0] * self._curve.strength(0.0, max(-low, 0.0))[0]
         forward = self.share[0] * self._curve.strength(0.0, max(high, 0.0))[0]
@@ -267,14 +266,14 @@ class Friction:
         )
 
     def _during(self, low: float, high: float, spread: float) -> Speed:
-        """Return bounds on v during the segment, from its range [low, high] in the tube; `spread` as for `_rates`."""
+        """Narrow the bounds low <= v <= high [rad/s] of the tube during the segment; `spread` as for `_rates`."""
         falling, rising = self._rates(low, high, spread)
         least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
         most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
         return Speed(max(low, least), min(high, most))
 
     def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
-        """Return bounds on v at the end of the segment, from its range `end` in the tube; `spread` as for `_rates`."""
+        """Return bounds on v at the segment's end, for the tube's range `end` and radius `tube_speed`; see `_rates`."""
         if self.plan is Plan.ANY:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:
@@ -287,7 +286,7 @@ class Friction:
 
 
 class PlanFails(ValueError):
-    """The tube contradicts the plan of the motor `joint`."""
+    """The tube contradicts the `Plan` that bounds the friction of the motor `joint`."""
 
     def __init__(self, joint: int) -> None:
         super().__init__(f"the tube contradicts the friction plan of motor {joint + 1}")

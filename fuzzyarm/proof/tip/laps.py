@@ -3,8 +3,8 @@
     x = c + C π + G g,      |g_i| <= 1,      π: the factors of the uncertain constants, the same in every lap.
 
 x is the state of the tube: θ, q, θ̇, q̇, the policy's memory and, if torques act late, the torque that acts next. The
-tube may begin with such a set instead of a single state. If a lap ends within the set in which the next lap begins, the
-bounds of both laps hold in succession; if it ends within its own initial set, they hold in every later lap.
+tube may begin with such a set. If a lap ends within the set in which the next lap begins, the bounds of both laps hold
+in succession; if it ends within its own initial set, they hold in every later lap.
 """
 
 from __future__ import annotations
@@ -114,9 +114,10 @@ class LapSet(NamedTuple):
 
     @classmethod
     def around(cls, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> LapSet:
-        """Return a set that contains the end of a lap: the `point` c, (8,), (m,), (0 or 2,), plus deviations.
+        """Return a set that contains the end of a lap: a point c plus deviations.
 
-        Its columns are the largest columns of the deviations, and a parallelepiped that encloses all others.
+        `point` is its centre, memory and waiting torque. The largest columns of the deviations remain; a
+        parallelepiped encloses all others.
         """
         constants, others = _parted(deviations)
         totals = deviations.totals()
@@ -139,13 +140,11 @@ class LapSet(NamedTuple):
         return made
 
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
-        """Return a bound on the |g_i| that the end of a lap needs in this set; at most 1 means that it lies inside.
+        """Return a bound on this set's |g_i| for all points of the end of a lap; at most 1 means that all lie inside.
 
-        The end is given by `point`, (8,), (m,), (0 or 2,), and deviations, as in `around`.
-
-        With G = [G', B] and the columns Y of c⁺ - c, C⁺ - C and of the end itself, g' = Γ' y for any Γ', and
-        B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|),
-        x = B g''.
+        The end is given as for `around`. Its difference from this set's c + C π is Y y, |y_i| <= 1, with the columns
+        c⁺ - c, C⁺ - C and its own. With G = [G', B], g' = Γ' y for any Γ', and x = B g'' = (Y - G' Γ') y. For W near
+        B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|).
         """
         numbers, block = len(self.columns), self.columns[:, -len(self.columns) :]
         constants, others = _parted(deviations)
@@ -176,9 +175,9 @@ def _parted(deviations: Zonotope) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shared(kept: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `kept` (numbers, k), factors (k,) within ±1, and the remainders of `columns` (numbers, n).
+    """Subtract from `columns` (numbers, n) multiples of the columns `kept` (numbers, k) that they nearly equal.
 
-    Where one of `columns` is nearly a multiple of a kept column, at most one for each, the multiple is subtracted.
+    Each column is used at most once. Return `kept`, factors (k,) of its columns, within ±1, and the remainders.
     """
     if not kept.shape[1] or not columns.shape[1]:
         return kept, np.zeros(kept.shape[1]), columns

@@ -1,14 +1,14 @@
-"""One period of the tube: a claimed tube, and the proof that the deviation does not leave it.
+"""A claimed tube for a period, and the proof that the deviation does not leave it.
 
-For a claimed tube ρ the remainders are bounded by w̄(ρ). Under remainders within these bounds, the deviation is within
+For a claimed tube ρ the remainders are bounded by w̄(ρ). Under these remainders the deviation is within
 
     ρ'(ρ) = max(|S ξ_h(0)|, |S ξ_h(T)|) + T²/8 sup |S ξ̈_h| + push w̄(ρ),
 
-where ξ_h is the effect of the initial state, the held torque and the uncertain constants alone. If ρ'(ρ) < ρ in every
-row, the deviation never leaves ρ during the period: up to a first exit the bounds would hold, so the deviation, which
-is continuous, would be within ρ' < ρ there. The accelerations and the products of masses are not part of the state.
-Together they obey a <= G(a), where G is a minimum of functions r + Q a with r, Q >= 0. Then G(ρ) < ρ implies a <= ρ;
-otherwise λ = max a/ρ > 1 would give a <= G(λ ρ) <= λ G(ρ) < λ ρ, a contradiction.
+where ξ_h is the effect of the initial state, the held torque and the uncertain constants alone, and push bounds that of
+unit remainders. If ρ'(ρ) < ρ in every row, the deviation never leaves ρ during the period: up to a first exit the
+bounds would hold, so the continuous deviation would be within ρ' < ρ there. The accelerations and
+`LinkRemainder.products` are not part of the state. Together they obey a <= G(a), where G is a minimum of functions
+r + Q a with r, Q >= 0. Then G(ρ) < ρ implies a <= ρ; otherwise λ = max a/ρ > 1 would give a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class TubeClaim(NamedTuple):
 
 
 class Period:
-    """A period or a part of one, with the enclosures needed to close its tube."""
+    """A period or a part of one, with the enclosures to close its tube."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
         force, period = tip.middle, centre.duration
@@ -80,7 +80,7 @@ class Period:
         self._own = [(halves["motor_inertia"], rows.motor_acceleration), (halves["viscous_friction"], rows.d_theta)]
 
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
-        """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
+        """Check a claimed tube and plans, without a search; return the period, else raise `NoBound`; see `close`."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("the set allows any friction, but a friction plan of the file assumes a friction law")
         try:
@@ -89,7 +89,10 @@ class Period:
             raise NoBound(str(failed)) from None
 
     def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
-        """Search for a tube from the zonotope of ξ at the start; return the closed period, else raise `NoBound`."""
+        """Search for a tube that the deviation does not leave; return the period, else raise `NoBound`.
+
+        At first ξ is in `start`, and `known` bounds the motors' velocities; for `friction` see `PlantSet`.
+        """
         plans = [self._plan(joint, start, speed, friction) for joint, speed in enumerate(known)]
         for _ in range(3 * len(plans) + 1):
             try:
@@ -153,14 +156,14 @@ class Period:
     def _on_motors(self, tube: np.ndarray, driven: ConstantForces) -> tuple[np.ndarray, np.ndarray]:
         """Return two bounds (2,) [N m] on the uncertain constants' torques on each motor, for a claimed tube.
 
-        The first covers the torques along the centre and the products within the joint; the second covers the
-        products of the motor's own uncertain inertia and viscosity with the deviation.
+        The first covers the torques along the centre, and uncertain stiffness and damping times the deviation; the
+        second, the motor's own uncertain inertia and viscosity times the deviation.
         """
         within = sum(half * tube[rows] for half, rows in self._within)
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
-        """Return the `Friction` of a motor under a plan, from a cache if it is already known."""
+        """Return the `Friction` of a motor under a plan, cached."""
         key = joint, plan, known
         if key not in self._frictions:
             mode, torque = self._centre.modes[joint], float(self._torque[joint])
@@ -168,7 +171,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Raise `PlanFails` if, under MONOTONE, the bound on |δv| grows by more than `_MOST_DRIVEN` allows."""
+        """Raise `PlanFails` if, under MONOTONE, a bound on |δv| rises from `before` by more than `_MOST_DRIVEN`."""
         for j, (friction, own) in enumerate(zip(frictions, self._drives, strict=True)):
             pulled = (after[j] - before[j]) * own.motor_inertia
             if (
@@ -180,7 +183,7 @@ class Period:
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: ConstantForces
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the zonotope's columns (10, k) at the end for w̄ = 0, and bounds (18 + n,) on |S ξ_h| in the period."""
+        """Return the zonotope's columns (10, k) at the period's end and bounds (18 + n,) on |S ξ| in it, for w̄ = 0."""
         S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
         constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
@@ -216,7 +219,10 @@ class Period:
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return w̄ (8,) for a claimed tube; `observed` = (free, push) bounds the observed rows by free + push w̄."""
+        """Return bounds w̄ (8,) on the remainders for a claimed tube and the constants' torques.
+
+        At first |δv| <= `before` [rad/s]. `observed` = (free, push) bounds the observed rows by free + push w̄.
+        """
         torques = driven.rest.copy()
         torques[self._channels.link] += self._defect
         torques[self._channels.link] += self._lever_spread @ self._tip.courses
@@ -232,7 +238,7 @@ class Period:
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: ConstantForces) -> tuple[Speed, ...]:
-        """Return bounds on the motors' velocities [rad/s] at the end of the period."""
+        """Return bounds on the motors' velocities [rad/s] at the period's end, for a claimed tube."""
         found, ends = list[Speed](), self.motion.at(1)[self._rows.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)

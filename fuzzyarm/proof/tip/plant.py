@@ -1,12 +1,12 @@
-"""A set of plants, and its arms in balls.
+"""A set of plants, and its arms in ball arithmetic.
 
 *Set.* A set defines the factors by which the arm's constants may differ from Table 1, and other disturbances. Every
 factor is constant during the motion and independent of the others; the factor of a mass also scales the inertia of its
-link, as in `DomainRandomisation`. A factor has one range for both joints, or one for each. Three quantities may vary
-with time, in any measurable way: the friction torque of a set with ``any`` friction, the tip force within `force_swing`
-and `force_course`, and at every sample the encoder errors within `noise`.
+link, as in `DomainRandomisation`. Three quantities may vary with time, in any measurable way: the friction torque of a
+set with ``any`` friction, the tip force within `force_swing` and `force_course`, and at every sample the encoder errors
+within `noise`.
 
-*Arms.* An arm of the set is the arm in its middle, plus a term for each uncertain constant:
+*Arms.* The links' torque R of an arm is affine in the factors π_p of its uncertain constants p:
 
     p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
 
@@ -91,7 +91,7 @@ class PlantSet:
             raise ValueError(str(error)) from None
 
     def of_joint(self, name: str, joint: int) -> _Range:
-        """Return the range `name` for a joint; a range that is not by joint is the same for all joints."""
+        """Return the range `name` for a joint; one that is not given for each joint applies to all."""
         given: Any = getattr(self, name)
         return given[joint] if isinstance(given[0], tuple) else given  # type: ignore[no-any-return]
 
@@ -155,7 +155,7 @@ def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
 
 
 def _checked(name: str, given: Any) -> Any:
-    """Check the field `name` of a set; return it as a range (low, high), or one for each joint, in floats."""
+    """Check the field `name` of a `PlantSet`; return it in floats: one range (low, high), or one for each joint."""
     low, high, unit = ALLOWED[name]
     if name in BY_JOINT and isinstance(given, list | tuple) and any(isinstance(part, list | tuple) for part in given):
         if len(given) != JOINTS:
@@ -204,7 +204,7 @@ def exactly(value: float) -> str:
 
 
 def find_set(name: str | Path) -> PlantSet:
-    """Return a set by its name in `SETS`, or from a TOML file of `PlantSet`'s fields; ValueError if there is none."""
+    """Return a set by its name in `SETS` or from a TOML file of `PlantSet`'s fields, else raise ValueError."""
     if str(name) in SETS:
         return SETS[str(name)]
     path = Path(name)
@@ -234,7 +234,7 @@ class _Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
-    """All arms of a set, in floats and balls."""
+    """All arms of a set: the constants of the arm in its middle, in floats and balls, and the uncertain constants."""
 
     physics: Physics  # the equations of the arms
     middle: Any  # constants in floats, of the arm in the middle
@@ -250,7 +250,7 @@ class BallPlant:
 
     @classmethod
     def of(cls, parameters: AnyArm, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
-        """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
+        """Return the arms of a set around the given parameters, with a disturbance's payload."""
         physics = equations_of(parameters)
         joints, nominal = range(physics.joints), physics.plant_of(parameters)
         if len(joints) != JOINTS and any(isinstance(getattr(plants, name)[0], tuple) for name in BY_JOINT):
@@ -292,7 +292,7 @@ class BallPlant:
 
 
 def _factors(physics: Physics, by_name: dict[str, list[Any]]) -> Any:
-    """Return the factors of `BY_JOINT`, one for each joint, in the form of the draw that `Physics.varied` expects."""
+    """Return the factors of `BY_JOINT` by name, one for each joint, as the draw for `Physics.varied`."""
     return SimpleNamespace(**{name: physics.PerJoint(*values) for name, values in by_name.items()})
 
 

@@ -4,7 +4,7 @@
 
 The policy's own law is run on affine numbers. Its arguments are a point plus a zonotope of deviations of (θ, θ̇, m); its
 results are another point plus deviations of (u, m⁺), over the same columns and new ones, so torque and memory stay
-correlated. The part of the memory that depends only on the reference is not in m. It is the same in every run, and is
+correlated. The part of the memory that depends only on the reference is not in m. It is the same in every run and
 stored as floats.
 """
 
@@ -41,7 +41,7 @@ _UNKNOWN: dict[type[Policy], str] = {
 
 
 class Response(NamedTuple):
-    """The set of (u, m⁺) after a sample: x - middle = columns g + β, |g_i| <= 1, |β| <= box."""
+    """The set of torque and memory x = (u, m⁺) after a sample: x = middle + columns g + β, |g_i| <= 1, |β| <= box."""
 
     middle: np.ndarray  # (2 + m,) torques [N m] and the memory
     columns: np.ndarray  # (2 + m, n); the first belong to the columns of the law's arguments
@@ -49,7 +49,7 @@ class Response(NamedTuple):
 
 
 class SampledLaw:
-    """The law of a policy, sample by sample."""
+    """The law of a policy, evaluated at each sample for all states of a zonotope."""
 
     def __init__(self, policy: Policy, references: np.ndarray) -> None:
         """Prepare a policy's law for the references (samples, 3 n); `NoBound` if the law has no enclosure."""
@@ -80,18 +80,15 @@ class SampledLaw:
         self.memory = len(self.remembered)
 
     def repeats(self, steps: int) -> bool:
-        """Return whether all laps of `steps` samples after the first are alike.
-
-        They are if the third lap begins with the same memory of references as the second.
-        """
+        """Return whether all laps of `steps` samples after the first begin with the same memory of references."""
         second, third = (np.delete(self._held[lap * steps, 0], self.remembered) for lap in (1, 2))
         return bool((second == third).all())
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
         """Return (u, m⁺) at the k-th sample, for deviations `seen` from a point (4 + m,): measured θ, θ̇, memory.
 
-        At the first sample the memory is zero. `NoBound` if a choice of the law is undecided on this set or an
-        operation has no enclosure; ValueError if an enclosure is not finite.
+        `NoBound` if a choice of the law is undecided on this set or an operation has no enclosure; ValueError if an
+        enclosure is not finite.
         """
         space = Space(seen)
         RECORDERS.append(space)
@@ -103,7 +100,7 @@ class SampledLaw:
             RECORDERS.pop()
 
     def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
-        """Return (u, m⁺) as affine numbers of a space."""
+        """Return (u, m⁺) at sample k, for a point (4 + m,) plus the deviations of a space, as affine numbers."""
         variables, memory = space.variables(point), self._held[k, 0].tolist()
         for place, number in zip(self.remembered.tolist(), variables[self._measured :], strict=True):
             memory[place] = number
@@ -124,7 +121,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return a `Response` with columns of zonotope and unknowns; each `rest` becomes a column or enters the box."""
+    """Return affine numbers as a `Response`; each unknown or `rest` is a column, or in the box if it is small."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

@@ -4,7 +4,7 @@
 
 Every matrix X is a float matrix with |X - X_exact| <= SLACK |X|', where |X|' is the same expression with the absolute
 value of each factor: |A|' for A, E = exp(|A|' T) for exp(A t), t <= T, and so on (`enclosures`). The series of the
-exponential is cut after `_TERMS` terms. The remainder is at most X E, X the last term, which `over` checks to be small.
+exponential is cut after `_TERMS` terms. `over` checks that the remainder, at most L E with the last term L, is small.
 """
 
 from __future__ import annotations
@@ -96,8 +96,7 @@ class Linear(NamedTuple):
             lever: Jᵀ (2, 2), from tip forces [N] to torques [N m].
             slip: derivative of the friction torque by velocity (2,) [N m s/rad].
             still: whether friction holds a motor still; the motor's rows are zero.
-            given: whether the velocity of a motor is bounded separately. Then it is not a state, and the motor's
-                channel represents it, in rad/s.
+            given: whether a motor's velocity is bounded separately: not a state, but the motor's channel, in rad/s.
             products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
         """
         mass, stiff, damp = links
@@ -144,7 +143,7 @@ class Linear(NamedTuple):
         return cls(A, size, b, S, size_of_rows, D)
 
     def over(self, period: float) -> Transition:
-        """Return the solution over a period T [s]."""
+        """Return the solution of the linear equation over a period T [s]."""
         A, size, b, S, _, D = self
         powers, bounds = [np.eye(len(A))], np.eye(len(A))
         growth = np.eye(len(A))
