@@ -109,7 +109,7 @@ class Verification:
 def verify_file(path: str | Path) -> Verification:
     """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read.
 
-    In the form "semidefinite" each cover of boxes is also proven in balls.
+    In the form "semidefinite", all boxes of angles are proven again, in ball arithmetic.
     """
     path = path_of("path", path)
     controller = load_controller(path)

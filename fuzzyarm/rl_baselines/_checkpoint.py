@@ -173,7 +173,7 @@ def set_random_state(state: dict[str, Any]) -> None:
 
 
 def _check_archive(data: bytes) -> None:
-    """Check that the zip archive `data` does not grow when unpacked; `torch.save` compresses nothing."""
+    """Raise ValueError if the zip archive `data` would grow when unpacked; `torch.save` compresses nothing."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
     if any(member.compress_type != zipfile.ZIP_STORED for member in members):

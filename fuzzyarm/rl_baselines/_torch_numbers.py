@@ -1,4 +1,4 @@
-"""Tensors as a kind of number, compensated angles, words of random streams, and tables for look-up."""
+"""Torch tensors as numbers of the physics: angles with their rounding errors, random 64-bit words, and tables."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ __all__ = ["Angle", "TorchTable", "TorchWord"]
 class Angle:
     """An angle (lanes,) [rad] in float32 with its rounding error (Kahan's compensated sum).
 
-    The physics adds increments of a hundred-thousandth of an angle's size, and takes differences about as small. In an
-    episode of the paper the tip is off by up to 4 µm in plain float32, and by 0.1 µm with the rounding errors.
+    The physics adds increments of a hundred-thousandth of an angle's size. In an episode of the paper the tip is off by
+    up to 4 µm in plain float32, and by 0.1 µm with the rounding errors.
 
-    It supports the arithmetic of the physics. Adding an increment gives an angle; sums and differences of angles, sine,
-    cosine, magnitude, a number times the angle and comparisons with limits give tensors. `value` is the rounded angle,
-    `rest` the exact angle minus `value`.
+    It supports the arithmetic of the physics. Adding an increment gives an angle; all other operations give tensors.
+    `value` is the rounded angle, `rest` the exact angle minus `value`.
     """
 
     def __init__(self, value: Tensor, rest: Tensor) -> None:
@@ -59,7 +58,7 @@ class Angle:
         return self.value <= limit
 
     def advanced(self, increment: Tensor) -> Angle:
-        """Return the angle plus an increment [rad], which must be smaller than the angle."""
+        """Return the angle plus an increment [rad]; `rest` is exact if |increment| is below |angle|."""
         part = increment + self.rest
         value = self.value + part
         return Angle(value, part - (value - self.value))
@@ -153,11 +152,11 @@ class _Tensors:
 
 
 class _Words:
-    """The functions of `numbers.functions` for words."""
+    """The functions of `numbers.functions` for `TorchWord`."""
 
     @staticmethod
     def number(of: TorchWord) -> Tensor:
-        """Return a word below 2^53 as a number; in float32 only its first 24 bits, since rounding might give 2^53."""
+        """Return a word below 2^53 as a float; in float32 its upper 24 of 53 bits, since rounding might give 2^53."""
         exact = of.bits if of.dtype == torch.float64 else of.bits & -(1 << 29)
         return exact.to(of.dtype)
 

@@ -50,7 +50,7 @@ Outcome: TypeAlias = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]
 
 
 class Equations:
-    """The equations of the arm, and the task's functions for them; looked up before compilation."""
+    """The arm's equations, and the functions of a control step for them; looked up before compilation."""
 
     def __init__(self, physics: Physics) -> None:
         self.physics = physics
@@ -97,7 +97,7 @@ def advance(shared: Shared, lanes: LaneData, action: Tensor) -> Outcome:
 
 
 def following(shared: Shared, lanes: LaneData, action: Tensor) -> tuple[LaneData, Outcome]:
-    """Return the lanes after torques (joints, n) [N m] act for one control step, and the outcome; no side effects."""
+    """Return the lanes after one control step with torques (joints, n) [N m], and its outcome; no side effects."""
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
     limits, number = equations.physics.limits(nominal), shared.rows.number
@@ -194,7 +194,7 @@ def drawn(shared: Shared, key: Tensor) -> Any:
 
 
 def _tensors(numbers: Any, rows: TorchTable) -> Any:
-    """Return a nested record with its Python numbers as tensors of shape ()."""
+    """Return a nested record with its Python numbers as tensors of shape (), on the device of `rows`."""
     parts = flat(numbers)
     return like(numbers, (part if isinstance(part, Tensor) else rows.number(part) for part in parts))
 

@@ -1,6 +1,6 @@
 """A batch of arms in torch tensors on CPU or GPU, compiled into one kernel, for learners in torch.
 
-The step is that of `torch_step`; this file adds arguments, tables, reset and results.
+The step is that of `torch_step`.
 """
 
 from __future__ import annotations
@@ -55,12 +55,10 @@ _MOST_LANES = 2**26  # a lane takes about 100 bytes
 class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
-    Torch runs the equations, compiled by torch.compile or operation by operation. The class is untested on a GPU.
-
-    Equations, reward, episode ends, observations and the meaning of the arguments are those of
-    `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same plants,
-    references and noise as the NumPy environment with seed s + i, on every device; in float64 the trajectories also
-    agree up to rounding.
+    The class is untested on a GPU. Equations, reward, episode ends, observations and the meaning of the arguments are
+    those of `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same
+    plants, references and noise as the NumPy environment with seed s + i, on every device; in float64 the trajectories
+    also agree up to rounding.
 
         envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
         observation, info = envs.reset(seed=0)
@@ -79,16 +77,16 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     | reason | (n,) `fuzzyarm.envs.task.Termination`, 0 if the lane was not terminated | |
 
     An action that is not finite raises no error, which would require waiting for the device: the lane's state stays,
-    its reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.
+    its reward is 0 and it is terminated with `Termination.NOT_FINITE`.
 
     Later steps do not change the tensors that a step returned. `state` and `randomisation_info` are for privileged
-    critics and for inspection.
+    critics.
 
-    With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step
-    while motors slip, and also while they stick; the derivatives are then 0, since the velocity stays 0 under any small
-    change. At a border (a motor at the torque that frees it, a torque at its limit, a tip on its target) no derivative
-    exists, and the gradient is the one on one side, the mean of both, or 0. A torque beyond its limit has gradient 0.
-    Gradients do not cross episodes. The state carries the graph of all steps since `reset` or `detach`.
+    With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step,
+    also while motors stick: they are then 0, since the velocity stays 0 under any small change. At a border (a motor at
+    the torque that frees it, a torque at its limit, a tip on its target) no derivative exists, and the gradient is the
+    one on one side, the mean of both, or 0. A torque beyond its limit has gradient 0. Gradients do not cross episodes.
+    The state carries the graph of all steps since `reset` or `detach`.
 
     Args:
         num_envs: number of lanes n.
@@ -194,7 +192,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """Begin an episode in every lane and return the observations (n, 5 joints) and an empty info.
+        """Begin an episode in all n lanes and return the observations (n, 5 joints) and an empty info.
 
         Args:
             seed: lane i gets the random stream of seed + i. None: the streams continue, initially from 0.
@@ -235,7 +233,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         self._lanes = torch_step.LaneData(tuple(one.detach().clone() for one in numbers), key.clone(), step.clone())
 
     def _advance(self, torque: Tensor) -> Outcome:
-        """Hold torques (joints, n) [N m] for one control period, and return the results of `step`."""
+        """Hold torques (joints, lanes) [N m] for one control period, and return the results of `step`."""
         if not self.differentiable:
             with torch.no_grad():
                 outcome: Outcome = self._take(self._shared, self._lanes, torque.detach().contiguous())

@@ -95,7 +95,7 @@ class Training:
         """Return the training run in a folder as of its last checkpoint.
 
         `config` must equal the original one, except for `checkpoint_interval` and `total_timesteps`: a larger total
-        extends the run and leaves the bits of finished steps unchanged. A schedule over the run, such as the learning
+        extends the run and changes no bit of the finished steps. A schedule over the run, such as the learning
         rate of PPO, continues as if the new total had been set from the beginning; its value may therefore jump here.
 
         Raises:

@@ -5,7 +5,7 @@
 in the units of `Scaling`, as stacks for all i <= j and k (`Vertices.midpoints`). So |K_jk| = |M_jk P11⁻¹| <= √(g/f). If
 γ is given and the gains are minimised, f = 1; if the gains are bounded, f > 0 is a variable and g = bound² f.
 
-*Unit of V.* With V = c V̂, P = c P̂, M = c M̂, ..., Ψ is congruent to c times Ψ at P̂, M̂, ..., c^(1/2) z and c γ². The
+*Unit of P.* With P = c P̂, M = c M̂, ..., Ψ is congruent to c times Ψ at P̂, M̂, ..., c^(1/2) z and c γ². The
 unit c is a parameter, like α, β and the bound on the gains, so one compiled problem serves all designs of a structure.
 
 *Rows that no vertex changes.* In E_k ẋ = A_i x + B u + B d, only the rows b, those of q̇, depend on a vertex or on the
@@ -121,7 +121,7 @@ class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
 
 
 def structure_of(specification: Specification) -> Specification:
-    """Return the specification with fixed numbers for its given limits; equal results can share a compiled problem."""
+    """Return the specification with each given limit replaced by a fixed number; equal results can share a problem."""
     values = {"alpha": 1.0, "gamma": 1.0, "gain_bound": 1.0, "fastest_pole": 2.0}
     given: dict[str, Any] = {name: one for name, one in values.items() if getattr(specification, name) is not None}
     return dataclasses.replace(specification, **given)
@@ -130,17 +130,17 @@ def structure_of(specification: Specification) -> Specification:
 class DesignProblem:
     """The inequalities of a specification as an open problem: add `constraints`, assign `objective`, and `solve`.
 
-    Vertices i, j of A and k of E count from 0; pairs are sorted by i, then j. n, n_e, N, N_e, p and m: `Controller`.
-    P, M, L, Q, X, τ and γ² are affine expressions in SI units.
+    Vertices i, j of A and k of E count from 0; pairs are sorted by i, then j. n, n_e, N, N_e, p, m are those of
+    `Controller`. P, M, L, Q, X, τ and γ² are affine expressions in SI units.
 
     Attributes:
         specification: the requirements.
         model: the T-S model.
         pairs: the p pairs (i, j) with i <= j.
         alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another rate.
-        L: (N, N_e, 2, 6) in the paper's form, else empty.
+        L: (N, N_e, 2, 6) in the paper's form, empty in the consistent one.
         inequalities: inequalities of the theorems by name; "Psi" and "Phi" are stacks (p N_e, rows, rows), k fastest.
-        floor: f, dimensionless.
+        floor: f in P11 >= f I, dimensionless.
         constraints: list of all constraints, to which more can be added.
         objective: the objective, a `cvxpy.Minimize`, which can be replaced.
         written: the objective and the constraints of the specification.
@@ -160,7 +160,7 @@ class DesignProblem:
             specification: the requirements; whichever of gamma and gain_bound is None is minimised.
             parameters: the arm, by default that of Table 1.
             scale: size of P, relative to a value that suits most designs. It matters only if the gains are minimised,
-                since the smallest eigenvalue of P bounds them; otherwise it is just a unit.
+                since the smallest eigenvalue of P bounds them.
             vertex: the only vertex of A for which inequalities are written: necessary conditions, which give no
                 controller. None for all vertices.
         """
@@ -185,7 +185,7 @@ class DesignProblem:
         self.ask(given, real("scale", scale, low=GAINS[0], high=GAINS[1]))
 
     def ask(self, specification: Specification, scale: float = 1.0) -> None:
-        """Set the parameters for another specification of the same structure (`structure_of`), and the unit c of V."""
+        """Set the parameters for another specification with the same `structure_of`, and the unit c of P by `scale`."""
         given, s = specification, self._scaling
         self.specification, self._c = given, scale * _natural(given, s)
         self.alpha.value, self._root_c.value = given.first_alpha, math.sqrt(self._c)
@@ -273,7 +273,7 @@ class DesignProblem:
 
     @property
     def _gains(self) -> Any:
-        """M of all vertices as one stack (N N_e, 2, n_e), in units."""
+        """M of all vertices as one stack (N N_e, 2, n_e), in the units of `Scaling`."""
         return self._M[tuple(at.ravel() for at in np.indices(self._M.shape[:2]))]
 
     def _mean_of(self, M: Any) -> Any:
@@ -281,7 +281,7 @@ class DesignProblem:
         return 0.5 * (M[self._i, self._k] + M[self._j, self._k])
 
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
-        """Return (Ψ_ijk + Ψ_jik)/2, or the same for Φ, in SI units with V in units of c: a stack (p N_e, rows, rows).
+        """Return (Ψ_ijk + Ψ_jik)/2 (p N_e, rows, rows), or with the `letter` "Phi" the same for Φ, in SI units for P/c.
 
         `put` assembles a matrix from block rows; `of` returns a variable or parameter, or its value.
         """
@@ -306,7 +306,7 @@ class DesignProblem:
         """Return factors for the rows of Ψ or Φ that reduce a large γ² in the rows w to one.
 
         The solver's tolerance is relative to the largest constant. The factors only reduce the rows w, so a matrix that
-        is at most -μ I with the factors is also at most -μ I in plain units.
+        is at most -μ I with them is so in plain units, too.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
@@ -317,7 +317,7 @@ class DesignProblem:
         return unit
 
     def _reduction(self, letter: str) -> np.ndarray:
-        """Return U such that U Ψ Uᵀ has the rows x, ẋ_b, w, z and uncertainties, in units."""
+        """Return U such that U Ψ Uᵀ has only the rows x, ẋ_b, w, z and uncertainties, scaled; "Phi" has no w, z."""
         unit, n = self._row_units(letter), len(self._scaling.state)
         S_a = np.delete(np.eye(n), VELOCITY, axis=1)
         T = np.eye(len(unit))
@@ -392,8 +392,8 @@ class DesignProblem:
     def point(self, solver: str = cp.CLARABEL, **options: Any) -> Point:
         """Return the point of the specification, with the largest decay rate if α is not specified.
 
-        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. The options of the solver
-        are those of `cvxpy.Problem.solve`.
+        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. `options` are those of
+        `cvxpy.Problem.solve`.
 
         Raises:
             NoPoint: no point was found that is strictly feasible when recomputed, whatever the status of the solver.
@@ -471,7 +471,7 @@ class DesignProblem:
         return self._compiled
 
     def _reduced(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ψ or Φ and U Ψ Uᵀ in units at the solver's last point, recomputed from its variables."""
+        """Return Ψ (or Φ) at the solver's last point with scaled rows, and U Ψ Uᵀ of `_reduction`, both recomputed."""
         unit = self._row_units(letter)
         F, U = self._matrices(letter, symmetric, _value_of), self._reduction(letter)
         return unit[:, np.newaxis] * F * unit, U @ F @ U.T
@@ -483,7 +483,7 @@ class DesignProblem:
         reduce the margin of the rows w by D_aᵀ D_a / 2ε, which is half of the margin of R < 0 there if
         ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the conditioning.
 
-        F is Ψ or Φ (p N_e, rows, rows) in units, and R = U F Uᵀ < 0.
+        F (p N_e, rows, rows), Ψ or Φ, and R = U F Uᵀ < 0 are those of `_reduced`.
         """
         slack, n, p, unit = self._slack[letter == "Phi"], len(self._scaling.state), len(self.pairs), self._units
         S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
@@ -505,7 +505,7 @@ class DesignProblem:
 
 
 def _natural(given: Specification, scaling: Scaling) -> float:
-    """Return the unit c of V that suits a specification."""
+    """Return the unit c of P that suits a specification, for a well scaled problem."""
     if given.form == "paper":
         return _PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
     gamma = given.gamma or 1.0 / scaling.stiffness

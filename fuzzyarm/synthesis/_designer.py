@@ -1,4 +1,4 @@
-"""From a specification to a proven controller: the search for a point, the controller of the point, and its proof."""
+"""From a specification to a proven controller: a feasible point of the inequalities, its controller, and the proof."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _proven(
 def to_controller(
     model: TSModel, specification: Specification, point: Point, objective: str | None = None, package: str = "clarabel"
 ) -> Controller:
-    """Return the controller of a point of the inequalities, not yet proven.
+    """Return the controller of a feasible point of the inequalities, not yet proven.
 
     `objective` states in words what was minimised (None: the objective of the specification); the version of `package`
     is recorded.

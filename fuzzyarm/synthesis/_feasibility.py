@@ -68,9 +68,9 @@ def best_point(specification: Specification, arm: ArmParameters, vertex: int | N
 
 
 def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
-    """Return the solver's proof that a single vertex of a large model already has no point; None without a proof.
+    """Return the solver's proof that a single vertex of a large model is infeasible by itself; None without a proof.
 
-    Further vertices are tried only if the first has neither a point nor such a proof. A free γ is bounded by
+    Further vertices are tried only if the first has neither a solution nor such a proof. A free γ is bounded by
     `_LOOSEST`, because the solver rarely proves infeasibility if the only limit is the objective.
     """
     if 1 << len(specification.kept) < _MANY:  # small models are solved as quickly as refuted
@@ -89,7 +89,7 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
 
 
 def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> DesignProblem:
-    """Return the compiled problem of a specification, with its parameters set; `factor` is relative to V's unit."""
+    """Return the problem of a specification, for one vertex of A or all (None), ready to solve with a scale."""
     problem = _compiled(structure_of(specification), arm, vertex, threading.get_ident())
     problem.ask(specification, factor)
     return problem
@@ -97,7 +97,7 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
 
 @functools.lru_cache(_KEPT)
 def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> DesignProblem:
-    """Return the problem of a structure; each thread has one, since it sets the parameters and reads the point."""
+    """Return the problem of a structure (`structure_of`); each thread has its own, since it sets the parameters."""
     return DesignProblem(structure, arm, vertex=vertex)
 
 
@@ -111,7 +111,7 @@ def _units(arm: ArmParameters) -> Scaling:
 def _nearest_feasible(
     specification: Specification, arm: ArmParameters, name: str, vertex: int | None = None
 ) -> float | None:
-    """Return the feasible value of a limit that is nearest to the specified one, with the others unchanged.
+    """Return the feasible value of the limit `name` nearest to the specified one, for one vertex of A or all (None).
 
     The search raises the fastest pole up to a thousandfold, γ up to a millionfold and the gain bound up to ten times
     the smallest gains, and lowers α [1/s] to `_slowest_tried`. None if all of these fail or the limit is not given.

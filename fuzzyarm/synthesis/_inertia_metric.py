@@ -39,7 +39,7 @@ def _svec(matrix: np.ndarray) -> np.ndarray:
 
 
 def _symmetric_units(size: int) -> np.ndarray:
-    """Return a basis of the symmetric matrices (s, s): in each, one entry and its mirror image are 1, others 0."""
+    """Return a basis (s(s + 1)/2, s, s) of symmetric matrices, each with one entry and its mirror image 1, others 0."""
     row, column = np.tril_indices(size)
     units = np.zeros((len(row), size, size))
     every = np.arange(len(row))
@@ -79,7 +79,7 @@ def _minimise(
 
 @dataclasses.dataclass(frozen=True)
 class _Samples:
-    """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles."""
+    """The inertia M̄ = near + Jᵀ D J of a chain at sampled angles: near of the links up to a, D of those beyond."""
 
     q: np.ndarray  # angles (B, n) [rad]
     near: np.ndarray  # inertia of the links up to a, with the rotors, (B, n, n) [kg m²]
@@ -88,7 +88,7 @@ class _Samples:
 
     @classmethod
     def of(cls, robot: Robot, split: int, count: int) -> _Samples:
-        """Return `count` samples in the robot's ranges of angles, with the chain split behind link `split`."""
+        """Return the inertia at `count` angles within the robot's ranges (`_angles_in`), with a = `split`."""
         n = len(robot)
         q = _angles_in(angle_ranges(robot), count, seed=0)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
@@ -257,7 +257,7 @@ class _Search:
         return other
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return S_r (N, n, n), D_low, D_high and the diagonal matrix of the units of D, in SI units."""
+        """Return S_r (N, n, n) and, of D's shape, D_low, D_high and the diagonal matrix of its units, in SI units."""
         distal = self.distal_row[:, np.newaxis] * self.distal_row
         unit = np.diag(1.0 / self.distal_row**2)
         return self.inertia / (self.row[:, np.newaxis] * self.row), self.low / distal, self.high / distal, unit
@@ -299,7 +299,7 @@ class _Search:
         return low[:, 0], high[:, -1]
 
     def _distal_gaps(self) -> list[np.ndarray]:
-        """Return the smallest eigenvalues of D - D_low and of D_high - D (B,)."""
+        """Return the smallest eigenvalues (B,) of D - D_low and those of D_high - D."""
         D = self.samples.distal
         return [np.linalg.eigvalsh(gap)[:, 0] for gap in (D - self.low, self.high - D)]
 
@@ -323,7 +323,7 @@ class _Search:
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
     def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
-        """Set S_r for the largest σ in σ I <= M̂ with κ and the rates within bounds at the program's samples."""
+        """Set the S_r with the largest σ in σ I <= M̂ at the program's samples, if κ <= `kappa`, μ_k <= `rates`."""
         near = sorted(self.near)
         hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
@@ -410,7 +410,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
         distal, scale = TrigMatrix(inertia_polynomial(robot, split, n)), 1.0 / np.sqrt(np.diag(unit))
 
         def gap(bound: np.ndarray, sign: float) -> float:
-            """Return the smallest eigenvalue of `sign` times (D - `bound`) in `unit`, at most 0."""
+            """Return the smallest eigenvalue of `sign` times (D - `bound`) at any angles, in `unit`, at most 0."""
 
             def least(q: np.ndarray) -> np.ndarray:
                 scaled = sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale

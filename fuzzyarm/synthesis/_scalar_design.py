@@ -1,7 +1,7 @@
 """Feedback k of a scheduled controller from the inequalities of its certificate, with 1/(α + μ) as unit of time.
 
-There is a solution for every bound β on the fastest pole above (3κ - 2)(α + μ); towards this limit, the bound γ on the
-L2 gain grows beyond all limits. The symbols are those of `ScheduledController`.
+There is a solution for every bound β > (3κ - 2)(α + μ) on the fastest pole; as β approaches this limit, the bound γ on
+the L2 gain tends to infinity. The symbols are those of `ScheduledController`.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class Feedback:
 
 @functools.lru_cache(maxsize=8)
 def _compiled(thread: int) -> cp.Problem:
-    """Return the problem: minimise γ² over P (3, 3) and m (1, 3); the parameters are 1/κ and β/(α + μ).
+    """Return the problem of a thread: minimise γ² over P (3, 3) and m (1, 3); the parameters are 1/κ and β/(α + μ).
 
-    Each thread has its own problem, since it sets the parameters and reads the point.
+    Each thread has its own problem, since it sets the parameters and reads the variables.
     """
     P = cp.Variable((SCALAR_STATES, SCALAR_STATES), symmetric=True, name="P")
     m, gamma2 = cp.Variable((1, SCALAR_STATES), name="m"), cp.Variable(name="gamma2")
@@ -83,7 +83,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
 
 
 def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | None:
-    """Return the feedback with γ <= `gamma` [s²] and the smallest bound on the fastest pole; None if not found."""
+    """Return the feedback for κ, α + μ = `rate` [1/s], γ <= `gamma` [s²] and the smallest β; None if not found."""
     lowest, best = smallest_pole(kappa, rate), None
 
     def fails(pole: float) -> bool:
@@ -100,7 +100,7 @@ def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | No
 
 
 def _holds(found: Feedback, kappa: float, rate: float) -> bool:
-    """Return whether a feedback meets all inequalities in floating point; for the proof: `scheduled_certificate`."""
+    """Return whether a feedback meets all inequalities for κ and α + μ = `rate` [1/s] in floating point, no proof."""
     P, matrices = np.linalg.inv(found.X), [found.X]
     m = found.k[np.newaxis] @ P
     for share in (1.0 / kappa, 1.0):

@@ -5,7 +5,7 @@ matrices of the arm are of order one. The decision variables are numbers of orde
 
     P: T Tᵀ,   M: U Tᵀ,   L: U V⁻ᵀ,   Q: σ T Tᵀ,   X: T R⁻ᵀ,   τ_l: n_l²/σ,
 
-and the rows of Ψ are multiplied by `rows`: a congruence, which changes no solution. V = xᵀ P⁻¹ x has its own unit c;
+and the rows of Ψ are multiplied by `rows`: a congruence, which changes no solution. P has a further unit c;
 see `DesignProblem`.
 """
 
@@ -61,7 +61,7 @@ class Scaling:
 
     @property
     def rows(self) -> np.ndarray:
-        """Factors (rows,) of the rows of Ψ: x, ẋ, w, z and the uncertain terms; those of d are V σ^(-½) [N m s^½]."""
+        """Factors (rows,) of the rows x, ẋ, w, z and uncertain terms of Ψ; in w those of d are V σ^(-½) [N m s^½]."""
         root = np.sqrt(self.time)
         terms = np.repeat(root / self.uncertainty, self.terms)
         return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])
@@ -73,7 +73,10 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return the n_l at which H R and W T (σ W T for E) are equally large; in the paper's form W also acts on x_r."""
+    """Return the n_l at which n_l H R and W T/n_l (σ W T/n_l for E) are equally large.
+
+    T, R, σ: `state`, `row`, `time`. In the paper's form W also acts on x_r.
+    """
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):
         reads.append((term.W if term.on == "A" else term.W @ data.A_r) * state)

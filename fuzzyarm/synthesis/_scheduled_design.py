@@ -49,7 +49,7 @@ class ScheduledSpecification:
     Attributes:
         premises: the kept premises; None to find the best ones automatically.
         rules: 1, 2, 4, 8 or 16, doubled by each premise; ignored if `premises` are given.
-        alpha: decay rate [1/s]; None for the largest with margins on the sampled elastic arm.
+        alpha: decay rate [1/s]; None: see above.
         gamma: bound on the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
         fastest_pole: upper bound on the decay rate [1/s]; None for the smallest with this γ.
 
@@ -137,7 +137,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
 def _chosen(
     specification: ScheduledSpecification, robot: Robot, metric: InertiaMetric, widening: float
 ) -> ScheduledController:
-    """Return the controller with the specified decay rate or, without one, with the largest rate that has margins."""
+    """Return the controller with the decay rate stated in `ScheduledSpecification`; arguments as for `_controller`."""
     if specification.alpha is not None:
         return _controller(specification, robot, metric, widening, specification.alpha)
     places, found, reason = places_of(robot, _CONTROL_PERIOD), None, None

@@ -26,7 +26,7 @@ __all__ = ["full_size", "paper_formula"]
 
 @dataclasses.dataclass(frozen=True)
 class _Size:
-    """The size of a design problem."""
+    """The size of a design problem: variables and rows."""
 
     variables: int  # scalar decision variables
     rows: int  # sum of the orders of all matrix inequalities

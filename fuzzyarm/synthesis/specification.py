@@ -38,8 +38,8 @@ class Specification:
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: whether all dropped premises of A share one multiplier, as printed in Theorem 2; otherwise
             each has its own.
-        feedforward: L of the paper's form as a fraction in [0, 1] of the consistent form's L. All need the same
-            gains within 0.3 %, so the default is the smallest. With None, the solver chooses a far too large L.
+        feedforward: L of the paper's form as a fraction in [0, 1] of the consistent form's L. All fractions need the
+            same feedback within 0.3 %, so the default is 0. None: the solver chooses L, which is then far too large.
         fastest_pole: upper bound β [1/s] on the decay rate, so that the real part of every pole of the frozen rigid
             loop lies between -β and -alpha; None for no bound. Consistent form only.
 

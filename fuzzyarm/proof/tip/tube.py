@@ -35,12 +35,11 @@ _CIRCLES = 19  # circles of latitude of directions in space; the polyhedron is a
 def tip_bound(
     state: np.ndarray, deviations: Zonotope, plant: BallPlant, wanted: list[float]
 ) -> tuple[float, np.ndarray]:
-    """Return a bound on the tip error [m] at a sample, and the part of each source: `SOURCES`, constants, centre.
+    """Return a bound on the tip error [m] at a sample, and the parts [m] from `SOURCES`, constants and centre.
 
-    For the centre's state (8,) with the link angles q_y, a zonotope of deviations, an arm and the `wanted` p_r [m],
-
-    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' along the straight line from q_y to q. J δq, with or
-    without the centre's error p(q_y) - p_r, lies in a polygon or polyhedron whose faces have fixed directions.
+    `state` (8,) is the centre's, with the link angles q_y; `wanted` is the tip's target p_r [m]. For q = q_y + δq,
+    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' the second derivative along the straight line to q. J δq,
+    with or without the centre's error p(q_y) - p_r, lies in a polygon or polyhedron whose faces have fixed directions.
     """
     physics, links = plant.physics, deviations.part(plant.layout.rows.link)
     angles, radius = [arb(x) for x in state[plant.layout.rows.link].tolist()], links.totals()
@@ -83,11 +82,12 @@ def _units(axes: int) -> tuple[np.ndarray, float]:
 
 
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reach of the tip's deviations in the relevant directions, else 0, and a mask of these; in space, all.
+    """Return the reach [m] of the tip's deviations in each direction (0: not evaluated), and which were evaluated.
 
-    Let v be the farthest point of a symmetric set with reach h. Some coarse direction c (every `_COARSE`-th) is within
-    the angle α = π _COARSE/(2 _DIRECTIONS) of v, so h(c) >= |v| cos α >= h(c') cos α for all c'. Only near such c are
-    further directions evaluated. This is done for two sets: the deviations without and with the centre's own error.
+    `rows` are directions times J, `aside` is the reach of the centre's error. In space all are evaluated. In a plane,
+    let v be the farthest point of a symmetric set with reach h. Some coarse direction c (every `_COARSE`-th) is within
+    α = π _COARSE/(2 _DIRECTIONS) of v, so h(c) >= |v| cos α >= h(c') cos α for all c'. Only near such c are further
+    directions evaluated. This is done for two sets: the deviations without and with the centre's error.
     """
     if len(rows) != _DIRECTIONS:
         return links.size(rows), np.ones(len(rows), dtype=bool)
@@ -164,7 +164,7 @@ class _State:
 
     @classmethod
     def within(cls, start: LapSet) -> _State:
-        """Return the initial state of the tube in a later lap, which begins anywhere in a set."""
+        """Return the initial state of the tube in a later lap, which may begin anywhere in the set `start`."""
         joints, waiting = len(start.centre) // 4, start.waiting if len(start.waiting) else None
         speeds = (Speed(-math.inf, math.inf),) * joints
         return cls(start.centre, start.memory, start.deviations(), speeds, (None,) * joints, waiting)
@@ -175,7 +175,7 @@ class _State:
         return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
 
     def around(self) -> LapSet:
-        """Return a set that contains this state, in which the next lap may begin."""
+        """Return a larger set that contains this state, as the initial states of the next lap."""
         return LapSet.around(self.point, self.deviations)
 
     def filled(self, start: LapSet) -> float:
@@ -247,12 +247,12 @@ class Tube:
         return TubeStep(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
-        """Return the bound on the tip error at the k-th sample and the parts of its sources, from `tip_bound`."""
+        """Return the bound [m] on the tip error at the k-th sample and its parts [m], from `tip_bound`."""
         wanted = self.problem.schedule.targets[k, : self._layout.axes].tolist()
         return tip_bound(self.state.centre, self.state.deviations, self.problem.plant, wanted)
 
     def _next_drags(self) -> list[float | None]:
-        """Return the centre's constant friction torques for motors whose velocity has an uncertain sign, else None."""
+        """Return for each motor the centre's constant friction torque [N m], or None if it follows the friction law."""
         if self.problem.plants.friction == "any":
             return [0.0] * self._layout.joints
         slow = (
@@ -285,7 +285,7 @@ class Tube:
         return TipForces(middle, radii, directions, np.array(courses) * (1 + SLACK))
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
-        """Close the tube on a segment and advance the zonotope to the end of the segment."""
+        """Prove a tube on a segment, that of `claim` or (None) one to be found, and advance the state to the end."""
         period, friction = Period(segment, torque, force, self.problem.plant), self.problem.plants.friction
         state = self.state
         self._shift(state.deviations, period.motion.at(-1), state.centre)
@@ -300,7 +300,7 @@ class Tube:
         return closed
 
     def _shift(self, deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
-        """Measure the deviations from `after` (8,) instead of `before`, which differs only by rounding."""
+        """Widen `deviations` from `before`, so that they hold from `after` (8,), which differs only by rounding."""
         deviations.box[: self._layout.states] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:
@@ -354,7 +354,7 @@ class Tube:
         return torque
 
     def _advance(self, start: Zonotope, closed: Closed) -> None:
-        """Advance the zonotope over a segment; `start` has its rows of ξ at the beginning."""
+        """Advance the zonotope over a segment; `start` is its part for ξ (state, held torque) at the beginning."""
         z, solution, channels = self.state.deviations, closed.solution, self._layout.channels
         states, xi = self._layout.states, self._layout.states + self._layout.joints
         box = solution.growth @ (start.box + SLACK * start.totals())

@@ -56,14 +56,14 @@ class Zonotope:
         return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
 
     def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
-        """Return bounds (n,) on |r x| for rows (n, numbers); `extra` (n, constants) is added to the constants' r Z."""
+        """Return bounds (n,) on |r x| for n rows r; `extra` (n, constants) is added to the constants' part of r Z."""
         others = reach(rows, self.columns[:, self._constants :])
         constants = rows @ self.columns[:, : self._constants] + (0.0 if extra is None else extra)
         slack = np.abs(rows) @ (self.box + SLACK * self.totals())
         return np.asarray((others + np.abs(constants).sum(axis=1) + slack) * ROUND_UP)
 
     def tidy(self, box_source: int) -> None:
-        """Turn the box into columns every few periods, and merge old columns."""
+        """Turn the box into columns at each `_BOX_EVERY`-th call, and merge old columns if there are too many."""
         self._age += 1
         if self._age % _BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)

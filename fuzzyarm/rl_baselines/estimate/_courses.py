@@ -12,8 +12,7 @@ direction in which the tip can move, in the plane or in space; Q turns in that p
 Forces, payloads and small courses are those for the arm of Table 1 times the factors of `signals.scale_of`: for a
 robot, forces and payloads use the same part of a motor's torque limit along its default course, and lengths scale with
 the reach. Encoders are noisy in half of the lanes, in half of these very little; torques are delayed in a quarter of
-the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again,
-because infeasible motions teach nothing.
+the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ _PLANE = 2  # directions in which the tip of a planar robot can move
 
 @dataclasses.dataclass(frozen=True)
 class TravelForce:
-    """The force -f(t) Q v / max(|v|, v_0) with f(t) = f_0 (1 + a sin(ω t + φ)), for a tip with the velocity v."""
+    """The force -f(t) Q v / max(|v|, v_0) with f(t) = f_0 (1 + a sin(ω t + φ)), Q a rotation, v the tip's velocity."""
 
     level: float  # f_0 [N]
     swing: float  # a
@@ -112,7 +111,7 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
 
 
 def _draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> list[Scenario]:
-    """Draw `count` courses with a payload and a force; ValueError if the motors are too weak for them."""
+    """Draw `count` scenarios: reference, payload and tip force; ValueError if the motors are too weak for them."""
     family, scale, robot = _family(arm), scale_of(arm), robot_of(arm)
     usual, span, axes = default_reference(arm), freedom(robot).motion, equations_of(arm).axes
     scenarios: list[Scenario] = []
@@ -146,7 +145,7 @@ def _family(arm: AnyArm) -> tuple[Reference, ...]:
 def _force(
     span: np.ndarray, axes: int, duration: float, scale: float, generator: np.random.Generator
 ) -> TipForce | None:
-    """Return a random force (axes,) in the span of orthonormal rows (·, 3), or None; `scale` is 1 for Table 1."""
+    """Draw a tip force in the span of orthonormal rows (·, 3) for `duration` [s], or None; `scale`: 1 for Table 1."""
     kind = generator.random()
     if kind < 0.15:
         return None
@@ -177,7 +176,7 @@ def _direction(span: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tuple[tuple[float, ...], ...]:
     """Return the rows of a random rotation Q = cos φ I + sin φ [a]× + (1 - cos φ) a aᵀ, (axes, axes).
 
-    φ is 0 or any angle; a is the normal of the plane that `span` spans, or any direction in space.
+    φ is 0 in 70 % of the draws, else any angle; a is the normal of `span` (2, 3) or any direction of `span` (3, 3).
     """
     angle = 0.0 if generator.random() < 0.7 else generator.uniform(-math.pi, math.pi)
     a = _direction(span, generator) if len(span) > _PLANE else np.cross(*span)
@@ -199,7 +198,7 @@ def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
 
 
 def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
-    """Return a spline over millimetres, from a posture of a random reference to two nearby postures and back."""
+    """Return a spline a few millimetres long, from a posture of a random reference to two nearby postures and back."""
     family = _family(robot)
     course = family[int(generator.integers(len(family)))]
     assert isinstance(course, SplineReference)

@@ -87,7 +87,7 @@ class Teacher:
 
     @functools.cached_property
     def _acting(self) -> Kernel:
-        """The compiled law, a function of memory, observation, true beliefs and known forces, which fills a torque."""
+        """The compiled law: from memory, observation, `beliefs` and known forces, it writes the torque to an array."""
         physics, settings, joints = self._physics, self._settings, self._physics.joints
 
         def act_on_truth(

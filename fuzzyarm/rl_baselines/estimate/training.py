@@ -2,9 +2,9 @@
 
 A gradient step lowers the mean over a window of
 
-    √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
+    √(1 + ((ρ - ρ*)/s)²) - 1,    or 0 where the teacher's torque is at its limit,
 
-with ρ the student's residual torque and ρ* the teacher's torque minus the base torque u_b, in units of R, and s = 0.02.
+with s = 0.02, ρ the student's residual torque and ρ* the teacher's torque minus the base torque u_b, over R (`Units`).
 A training run takes minutes and cannot be resumed; the same seed gives the same network on the same machine.
 """
 
