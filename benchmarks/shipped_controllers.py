@@ -23,8 +23,7 @@ import numpy as np
 
 import fuzzyarm
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, POSITION, PREMISES, VELOCITY
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
 

@@ -26,8 +26,7 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT
-from fuzzyarm.fuzzy_policy.ts_model import PREMISES
+from fuzzyarm.fuzzy_policy.ts_model import INTEGRAL, PLANT, PREMISES
 from fuzzyarm.proof.invariant_set import InvariantSet, invariant_set
 from fuzzyarm.proof.policy_certificate import PolicyCertificate, certificate_of
 

@@ -15,8 +15,7 @@ from fuzzyarm.common.checks import choice, instance, real, truth
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, decoded, encoded
-from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, PLANT_STATES, VELOCITY, TSModel
 
 __all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "consistent_feedforward"]
 

@@ -24,8 +24,7 @@ from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, controller_in, decoded, encoded
-from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
-from fuzzyarm.fuzzy_policy.ts_model import rule_products
+from fuzzyarm.fuzzy_policy.ts_model import SCALAR_STATES, rule_products
 
 __all__ = [
     "FORM", "FUNCTIONS", "MOST_PREMISES", "TWIST", "Premise", "ScheduledController", "load_controller",

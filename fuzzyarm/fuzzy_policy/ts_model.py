@@ -20,16 +20,25 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.common.checks import instance, shown
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "premises",
-    "rule_products",
+    "DEFAULT_KEPT", "ERROR_STATES", "INTEGRAL", "NAMED_RULES", "PLANT", "PLANT_STATES", "POSITION", "PREMISES",
+    "SCALAR_STATES", "VELOCITY", "TSModel", "Uncertainty", "premises", "rule_products",
 ]  # fmt: skip
+
+# Slices of the parts of the states x = (q, q̇) and ē = (e, ė, x_I), in arrays and in the rows of matrices:
+POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
+"""Angles, velocities and, with the integral, x_I = ∫ (q - q_d) dt; one entry per joint in each."""
+
+PLANT = slice(POSITION.start, VELOCITY.stop)  # the error of the plant, (e, ė), in ē
+PLANT_STATES: int = VELOCITY.stop  # size of x
+ERROR_STATES: int = INTEGRAL.stop  # size of ē with the integral; without it the size is `PLANT_STATES`
+SCALAR_STATES = 3  # entries of ē per joint with the integral: (e, ė, x_I)
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")  # names of the premises, in the order of the paper
 DEFAULT_KEPT = ("z1", "z3")  # premises kept by default: four rules

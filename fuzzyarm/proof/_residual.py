@@ -29,8 +29,7 @@ from flint import arb, arb_series
 from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
-from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import POSITION, VELOCITY, TSModel
 from fuzzyarm.proof.definiteness import exact, rational
 
 __all__ = ["Residual", "feedforward_residual", "largest_motion"]

@@ -83,8 +83,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.states import PLANT, POSITION
-from fuzzyarm.fuzzy_policy.ts_model import Uncertainty
+from fuzzyarm.fuzzy_policy.ts_model import PLANT, POSITION, Uncertainty
 from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric, times, transposed
 from fuzzyarm.proof.vertices import Index, TrackingVertices, Vertices
 

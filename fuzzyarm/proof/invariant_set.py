@@ -32,7 +32,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
-from fuzzyarm.fuzzy_policy.states import PLANT_STATES
+from fuzzyarm.fuzzy_policy.ts_model import PLANT_STATES
 from fuzzyarm.proof._residual import feedforward_residual, largest_motion
 from fuzzyarm.proof.definiteness import exact, inverse, largest_of_inverse, rational, stated
 

@@ -38,7 +38,7 @@ from flint import fmpq
 
 from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.fuzzy_policy.scheduled_controller import ScheduledController
-from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
+from fuzzyarm.fuzzy_policy.ts_model import SCALAR_STATES
 from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric
 from fuzzyarm.proof.box_cover import TrigMatrix, cover, proven_in_balls
 from fuzzyarm.proof.certificate import NOT_COVERED, PROVEN, Certificate, Claim, decay_words

@@ -14,8 +14,7 @@ from typing import Self
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT, PLANT_STATES
-from fuzzyarm.fuzzy_policy.ts_model import TSModel, Uncertainty
+from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, PLANT, PLANT_STATES, TSModel, Uncertainty
 from fuzzyarm.proof.block_matrix import identity
 from fuzzyarm.proof.definiteness import exact, rational
 

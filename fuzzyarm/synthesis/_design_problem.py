@@ -33,8 +33,7 @@ from fuzzyarm.common.checks import finite_array, instance, real, whole
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, consistent_feedforward
-from fuzzyarm.fuzzy_policy.states import VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import VELOCITY, TSModel
 from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.block_matrix import Assembly, symmetric, transposed
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.states import PLANT
+from fuzzyarm.fuzzy_policy.ts_model import PLANT
 from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric, transposed
 from fuzzyarm.proof.vertices import Index, Vertices
 

@@ -16,7 +16,7 @@ import cvxpy as cp
 import numpy as np
 
 from fuzzyarm.common.arithmetic import last_that_works
-from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
+from fuzzyarm.fuzzy_policy.ts_model import SCALAR_STATES
 from fuzzyarm.proof.scheduled_certificate import decay, fastest
 from fuzzyarm.synthesis._expressions import half, negative, positive
 

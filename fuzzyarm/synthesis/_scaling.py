@@ -18,8 +18,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.states import PLANT, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import Uncertainty
+from fuzzyarm.fuzzy_policy.ts_model import PLANT, VELOCITY, Uncertainty
 from fuzzyarm.proof.vertices import REFERENCE_POLE, TrackingVertices, Vertices
 
 __all__ = ["Scaling"]

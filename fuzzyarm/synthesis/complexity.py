@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.states import PLANT_STATES
+from fuzzyarm.fuzzy_policy.ts_model import PLANT_STATES
 from fuzzyarm.proof.vertices import TrackingVertices, Vertices
 
 __all__ = ["full_size", "paper_formula"]

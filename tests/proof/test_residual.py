@@ -12,8 +12,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.states import VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, _descriptor_terms
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, VELOCITY, TSModel, _descriptor_terms
 from fuzzyarm.proof import _residual as residual
 from fuzzyarm.proof._residual import Residual, feedforward_residual
 

@@ -27,8 +27,16 @@ from scipy.optimize import Bounds, differential_evolution
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import _descriptor_terms, premises, rule_products
+from fuzzyarm.fuzzy_policy.ts_model import (
+    INTEGRAL,
+    PLANT,
+    PLANT_STATES,
+    POSITION,
+    VELOCITY,
+    _descriptor_terms,
+    premises,
+    rule_products,
+)
 
 GENERATIONS, POPULATION = 150, 16  # of the search; a second seed changes no result in the fourth digit
 LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s

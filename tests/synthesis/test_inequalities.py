@@ -9,8 +9,7 @@ from scipy.linalg import block_diag
 from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.states import VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, VELOCITY, TSModel
 from fuzzyarm.proof import _theorems as theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.certificate import certify

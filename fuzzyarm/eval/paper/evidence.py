@@ -25,7 +25,7 @@ from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
-from fuzzyarm.fuzzy_policy import states
+from fuzzyarm.fuzzy_policy import ts_model
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.printed_gains import with_printed_gains
@@ -151,7 +151,7 @@ class Evidence:
     def unbounded_gain(self) -> dict[str, float]:
         """Return the largest |entry| of K of the design without the bound (24) by "4 rules"; 0 if it is not proven."""
         proven = _HIGH_GAIN in self.proven
-        return {"4 rules": _peak(self.witnesses[_HIGH_GAIN].gains[..., states.PLANT]) if proven else 0.0}
+        return {"4 rules": _peak(self.witnesses[_HIGH_GAIN].gains[..., ts_model.PLANT]) if proven else 0.0}
 
     def bounded_M(self) -> dict[str, float]:
         """Return by printed form the largest norm |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
@@ -164,7 +164,7 @@ class Evidence:
 
     def largest_gain(self, columns: str) -> dict[str, float]:
         """Return by printed form the largest |entry| of [K H] in `columns`: POSITION, VELOCITY or INTEGRAL."""
-        return {key: _peak(one.gains[..., getattr(states, columns)]) for key, one in self._printed.items()}
+        return {key: _peak(one.gains[..., getattr(ts_model, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:
         """Return by controller the largest |entry| of L: in the printed forms, and in "printed-4-swapped"."""

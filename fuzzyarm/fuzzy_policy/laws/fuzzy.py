@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.elementwise import sinc, sine_cosine
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.states import ERROR_STATES
+from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES
 from fuzzyarm.numbers.functions import maximum, minimum
 
 __all__ = ["FuzzyPolicy"]
