@@ -7,8 +7,6 @@ the module of the requested command is imported; its computational code is impor
 Exit codes: 0 success, 1 a failed result, 2 bad usage, 130 interrupted, 141 the reader of a pipe has exited.
 """
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import importlib

@@ -1,7 +1,5 @@
 """Options made from the fields of a configuration, with the types, help texts and defaults of the fields."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import functools

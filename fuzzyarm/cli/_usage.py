@@ -1,7 +1,5 @@
 """The error for bad usage, and checks of files and folders shared by commands."""
 
-from __future__ import annotations
-
 import contextlib
 import tempfile
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ A float stands for the shortest decimal number that identifies it, its `repr`, a
 this decimal is exact.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal

@@ -4,8 +4,6 @@ Before memory is allocated, the sizes stated by the archive are checked against 
 against its header. Arrays contain booleans, integers, real numbers, strings, or records of these; nothing is unpickled.
 """
 
-from __future__ import annotations
-
 import errno
 import math
 import struct

@@ -6,8 +6,6 @@
 Booleans, complex numbers, strings and dates are not accepted as numbers, alone or in arrays.
 """
 
-from __future__ import annotations
-
 import math
 import numbers
 import os

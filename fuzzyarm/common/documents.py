@@ -7,8 +7,6 @@ Only regular files are read, no larger than a limit, with at most `_MOST_VALUES`
 deeper than `_DEEPEST`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import json

@@ -3,8 +3,6 @@
 A new file gets the mode that the umask allows; a replaced file never becomes readable by more users than before.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -1,7 +1,5 @@
 """Messages of the library about slow work; commands show progress with `fuzzyarm.common.console`."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import multiprocessing

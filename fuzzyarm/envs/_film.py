@@ -1,7 +1,5 @@
 """The trace of an episode and its pictures for `render_mode`; only the mode ``human`` needs a display."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 

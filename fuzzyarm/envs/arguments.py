@@ -3,8 +3,6 @@
 An argument of a batch is one value for all lanes, or a sequence with one for each lane.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

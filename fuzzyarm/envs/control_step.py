@@ -3,8 +3,6 @@
 These are plain functions of numbers, see `numbers.functions`; every simulation of an arm uses them.
 """
 
-from __future__ import annotations
-
 import functools
 import operator
 from collections.abc import Callable

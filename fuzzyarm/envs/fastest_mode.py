@@ -18,8 +18,6 @@ of a set of plants is known, and it has no payload. Dry friction adds no conditi
 Stribeck curve adds no stiffness.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterable

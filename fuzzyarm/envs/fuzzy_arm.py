@@ -5,8 +5,6 @@ the control step, and `Physics.step` (`integrator.step` for two joints) the equa
 writes the observation and the results into one array.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from ctypes import c_double

@@ -3,8 +3,6 @@
 An observation is an array (..., 5 n) for an arm of n joints; only this module defines the order of its parts.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

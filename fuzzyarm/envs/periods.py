@@ -1,7 +1,5 @@
 """Control periods and sub-steps: their allowed values, and how many sub-steps a period has. Imports no heavy module."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The environment's spec as JSON: objects among its arguments are written as data and rebuilt, or refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import enum
 import functools

@@ -4,8 +4,6 @@ Elementwise source, see `physics.elementwise`: the same code assesses one arm, a
 `Termination` lists the reasons for a termination, the same in every back end.
 """
 
-from __future__ import annotations
-
 import enum
 import functools
 import operator

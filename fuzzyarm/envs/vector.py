@@ -3,8 +3,6 @@
 Quantities in `info` are in SI units [m, rad, rad/s, N m, N, s], as the kernels return them.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from typing import Any

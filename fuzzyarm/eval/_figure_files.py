@@ -1,7 +1,5 @@
 """The Matplotlib figure style, and saving of figures as PNG and SVG files."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """What policies declare about themselves in results files, see `policies.declared`; and which user code may run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

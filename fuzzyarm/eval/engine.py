@@ -3,8 +3,6 @@
 When a worker dies, for example because memory runs out, only the running pieces are lost, and they are run again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import os

@@ -1,7 +1,5 @@
 """The provenance that makes a result reproducible, and results documents as text."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

@@ -5,8 +5,6 @@ brackets at its use, which changes neither its operands nor its rounding. The so
 replace those of the math library and give the same bits.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import itertools

@@ -3,8 +3,6 @@
 The torques are clipped to the limits and held, the tip force is held, and the sub-steps are those of the environment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The files of an exported policy: header, source and test vectors; and the exported law compiled, for comparison."""
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import json

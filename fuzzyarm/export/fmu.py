@@ -5,8 +5,6 @@ are held. A step of a plant is a whole number of control periods. A host that st
 on and then steps the plant reproduces the environment's loop, bit for bit.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import subprocess

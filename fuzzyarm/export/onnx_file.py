@@ -5,8 +5,6 @@ unrolled; both sides of a branch are computed, and each lane selects its own. on
 except that its Where returns 0 for -0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The sheet of a law: equations, numbers with units, a certificate, and a state to check an implementation against."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -10,8 +10,6 @@ T is accepted only if it satisfies both relations in every joint: a reference at
 values that do not describe a motion give no T. With a single joint, two successive intervals must give the same T.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

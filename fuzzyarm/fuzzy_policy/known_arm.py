@@ -1,7 +1,5 @@
 """The arm that a law knows (the two-joint arm or any robot), as numbers for compiled code."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 Loading a file executes nothing from it.
 """
 
-from __future__ import annotations
-
 import abc
 import dataclasses
 import hashlib

@@ -9,8 +9,6 @@ A *kept* premise is interpolated between its bounds (two rules each); a dropped 
 uncertainty around the middle of its range. All matrices are in SI units.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable

@@ -16,8 +16,6 @@ friction: its projection cuts off negative eigenvalues. Rows are weighted by the
 residuals, and rows that fit badly have less weight (Huber).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple

@@ -15,8 +15,6 @@ combinations, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Mea
 four; mass centers and moments of inertia follow.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple

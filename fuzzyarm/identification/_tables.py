@@ -3,8 +3,6 @@
 `reading` interprets the names of the columns. No file is unpickled, and a bag's message definitions are not compiled.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import dataclasses

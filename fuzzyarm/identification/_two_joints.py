@@ -11,8 +11,6 @@ most five groups (a single log is cut into three parts), and each group is predi
 with the parameters found from the other groups.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 

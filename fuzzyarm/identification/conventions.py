@@ -10,8 +10,6 @@ or two changes are compared. Each change must lower J by a minimum share; the be
 below `_SPOKEN` times the J without changes. A new scale of the torques alone is tried only for several logs.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -8,8 +8,6 @@ runs forwards and backwards over the measurements, and derivatives are central d
 torque at instant k is the mean of the torques held before and after k; the same filter smooths it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple
 

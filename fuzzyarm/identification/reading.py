@@ -7,8 +7,6 @@ Between time stamps, angles are interpolated linearly and torques are held:
 so that an evenly spaced log does not change. A remark of the log states each assumption, omission and change.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """The arm identified from logs of its motors, with intervals and held-out errors; see `_two_joints` and `_links`."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 from collections.abc import Callable, Sequence

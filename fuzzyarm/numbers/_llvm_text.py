@@ -4,8 +4,6 @@ Operations, loops and branches are written for one arm or for vectors of arms. N
 reordered: the text has no flags that would allow it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import enum
 import itertools

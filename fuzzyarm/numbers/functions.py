@@ -4,8 +4,6 @@ Each kind of number has a class with these functions as static methods; `KINDS` 
 Floats need no class: each function computes with them in Python.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

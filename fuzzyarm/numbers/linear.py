@@ -4,8 +4,6 @@ A linear algebra library selects its kernels by processor, and these round in di
 computed by +, -, * and / in one order, which IEEE 754 rounds correctly. Matrices may have leading axes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 __all__ = ["product", "solved"]

@@ -5,8 +5,6 @@ a loop is placed before the loop; an operation in a branch stays there. Symbols 
 *uniform*: one number for all arms.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import struct

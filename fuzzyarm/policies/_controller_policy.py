@@ -1,7 +1,5 @@
 """Policies from controllers and controller files, for the robot of the design; loading repeats the proof."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The model's only input must be observations (lanes, size) in float32, its first 
 clipped to [-1, 1]; a model for a single lane runs once per lane. onnxruntime runs the graph, which contains no code.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

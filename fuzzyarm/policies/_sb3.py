@@ -5,8 +5,6 @@ The settings that are stored only in pickled objects, the activation of the laye
 therefore be the library's defaults. The model must have been trained on ``FuzzyArmLearn-v0``.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

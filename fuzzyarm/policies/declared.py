@@ -5,8 +5,6 @@ observations, and its memory between samples. This module declares the package's
 by their content; the user's own code declares itself by its attribute ``declared`` (`_user_code`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Shielded policies: any other policy, the guest, whose torque is kept within a margin around a law's torque."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A proven bound on the tip error: the claim, the search for a proof, and the statement of the result."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import gc

@@ -5,8 +5,6 @@ largest of their bounds holds for the whole set. The two joints have independent
 can be divided. A cell without a tube is halved in its widest range, relative to the whole one, until parts have tubes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -33,8 +33,6 @@ of a single bound:
 and of cells: `samples`, the number of steps of the first lap that are bounded, and `cells`, the names of their files.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -17,8 +17,6 @@ the intervals with the largest bounds are halved until these bounds are close to
 long, the bound is looser but equally valid.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from typing import Any, NamedTuple

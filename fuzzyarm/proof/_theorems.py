@@ -75,8 +75,6 @@ separate slack variables (`error_phi`): Φ_iik < 0 and Φ_ijk + Φ_jik < 0 for i
 At a frozen state, -2βV < V' < -2αV implies that the real part of every pole lies between -β and -α.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

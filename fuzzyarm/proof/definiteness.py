@@ -6,8 +6,6 @@ diagonal, by Gershgorin's theorem and Sylvester's law (T is then regular, too). 
 of A in floating point, for which T A Tᵀ is almost the identity; the product and the comparison are exact.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from fractions import Fraction

@@ -28,8 +28,6 @@ enclose M̄ between two matrices that depend only on q_2 ... q_a: M_low with D_l
 Both steps use matrices of few angles, and nothing is sampled.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -18,8 +18,6 @@ any reference that leaves half of the box as room.
 *Paper's form.* w = (d, r) contains the reference itself, r = (q_d, q̇_d, q̈_d), so that W must exceed the norm of r.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The certificate of a policy: the claims of its controller file, for its law and for the same law tracking the tip."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -28,8 +28,6 @@ Theorem, for the rigid arm in continuous time, while its angles and the speeds o
 α, γ, κ, σ, β and μ have the printed decimal values, every other float has its exact binary value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -17,8 +17,6 @@ nodes; its error is at most 4 M r^(1-N)/(r - 1) if |f| <= M in the ellipse with 
 a zonotope G g, |g| <= 1, in doubles with bounds on rounding; the first columns of G belong to the constants.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

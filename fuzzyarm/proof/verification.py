@@ -1,7 +1,5 @@
 """The report of `fuzzyarm verify`: the claims of a controller file, whether they are proven, and their meaning."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import time

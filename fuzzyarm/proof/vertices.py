@@ -6,8 +6,6 @@ act on ē = (e, x_I), ẋ_I = C_p e = q - q_d; without the integral ē = e and t
 The entries are all floats or all exact rationals, because NumPy cannot multiply a mixture of the two.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Self
 

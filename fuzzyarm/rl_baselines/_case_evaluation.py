@@ -1,7 +1,5 @@
 """The tip errors of a policy in the paper's three cases, which run as one batch."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ text. It is read with ``weights_only=True``, so that no code in it is run. `chec
 of a new training run with the same configuration; no part of a state is used before all parts are known to fit.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import math

@@ -1,7 +1,5 @@
 """The networks of PPO, with a privileged value function and a smoothness term in the loss."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

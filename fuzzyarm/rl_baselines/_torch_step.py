@@ -3,8 +3,6 @@
 Nothing here waits for the device or branches on data: lanes that end restart by selection.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence

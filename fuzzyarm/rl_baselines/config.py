@@ -5,8 +5,6 @@ generated from these classes: a field defines the name, type and default of a fl
 the flag's help.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any, Literal, Self, get_args

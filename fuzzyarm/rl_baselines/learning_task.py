@@ -8,8 +8,6 @@ a robot. An action a in [-1, 1]ⁿ is a torque u = Γ a with the torque limits �
 Its slope is never zero: halving the error is worth the same at 100 mm and at 1 mm.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

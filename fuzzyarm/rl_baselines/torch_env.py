@@ -3,8 +3,6 @@
 The step is that of `torch_step`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

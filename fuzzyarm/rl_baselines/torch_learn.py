@@ -1,7 +1,5 @@
 """The learning task ``FuzzyArmLearn-v0`` as a batch of arms in torch tensors."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

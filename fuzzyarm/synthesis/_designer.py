@@ -1,7 +1,5 @@
 """From a specification to a proven controller: a feasible point of the inequalities, its controller, and the proof."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from importlib.metadata import version

@@ -3,8 +3,6 @@
 A stack of matrices of any length is one expression (..., r, c) and one constraint, and compiles in milliseconds.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import cvxpy as cp

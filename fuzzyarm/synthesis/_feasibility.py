@@ -4,8 +4,6 @@ Problems are compiled once for each structure and arm (`structure_of`) and kept,
 millisecond, but compiling a tenth of a second.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

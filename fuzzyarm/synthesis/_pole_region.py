@@ -15,8 +15,6 @@ For s = 1 this is the inequality of the decay rate in `proof._theorems` without 
 the condition of Chilali and Gahinet (1996) for E⁻¹F P⁻¹.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ There is a solution for every bound β > (3κ - 2)(α + μ) on the fastest pole;
 the L2 gain tends to infinity. The symbols are those of `ScheduledController`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -1,7 +1,5 @@
 """The design of a proven controller of the form "semidefinite" for a robot with any number of joints."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

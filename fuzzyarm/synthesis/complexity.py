@@ -13,8 +13,6 @@ n_e and n_r columns of P, M and L, m uncertain terms with r rows in total and N(
 The problem that is solved is smaller, see `_design_problem`; `Design` states its size.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 from fuzzyarm.envs.observation import JOINTS

@@ -1,7 +1,5 @@
 """The requirements of a design."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`fuzzyarm bench`: measure steps per second."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`fuzzyarm dataset`: write episodes of named policies as a data set in Minari's format."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`fuzzyarm export`: write a policy as C source, ONNX or an FMU, the plant as an FMU, or both as an automaton."""
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """`fuzzyarm leaderboard`: rank the policies of several evaluations or sweeps."""
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated

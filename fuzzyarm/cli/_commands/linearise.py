@@ -1,7 +1,5 @@
 """`fuzzyarm linearise`: the linear models of a policy's loop at one posture, for other tools."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path

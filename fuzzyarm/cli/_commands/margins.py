@@ -1,7 +1,5 @@
 """`fuzzyarm margins`: measure how far policies are from instability."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

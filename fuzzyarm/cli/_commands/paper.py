@@ -1,7 +1,5 @@
 """`fuzzyarm paper`: reproduce the paper's figures and numbers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

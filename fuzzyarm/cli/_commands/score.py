@@ -1,7 +1,5 @@
 """`fuzzyarm score`: score policies on the held-out set."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`fuzzyarm tune`: find the parameters of every model-based policy for an arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

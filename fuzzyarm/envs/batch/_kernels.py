@@ -4,8 +4,6 @@ One arm and a batch of a quarter of a million run the same functions, `control_s
 and `control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 A saved state may come from a file, and kernels use its entries as indices; it is therefore checked.
 """
 
-from __future__ import annotations
-
 import hashlib
 import operator
 from collections.abc import Sequence

@@ -9,8 +9,6 @@ out                                       observations and `StepResults` of a st
 A `Layout` has the parts that depend on the equations, that is, on the numbers of joints and axes.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import sys

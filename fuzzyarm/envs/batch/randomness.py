@@ -9,8 +9,6 @@ are for the domain randomisation in the order of `randomisation.draw_record`, 17
 `noise_counter` on, every control step uses two numbers per joint for the encoder noise, angles before velocities.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

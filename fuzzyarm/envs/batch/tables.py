@@ -3,8 +3,6 @@
 Each lane is in its own scenario, or for one episode in a scenario requested by a reset.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -1,7 +1,5 @@
 """The threads that share a step of many lanes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -14,8 +14,6 @@ MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes ar
 would move the arm in MuJoCo is refused by name, see `_unknown_forces`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -6,8 +6,6 @@ the numbers of the regrouped links that the equations need (see `recursion`), th
 inertia1xx, ..., position1x, ..., tipx, ..., gravityx, ..., and the fields of `Motor`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib

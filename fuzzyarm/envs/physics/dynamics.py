@@ -4,8 +4,6 @@ Angles are measured from the hanging position: the x axis of (26) points down an
 Elementwise source, see `friction`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Sized

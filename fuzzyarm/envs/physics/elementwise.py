@@ -6,8 +6,6 @@ round differently from scalar ones, and lane i of a batch would then differ from
 Tensors use torch's own functions.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

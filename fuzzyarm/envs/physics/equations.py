@@ -3,8 +3,6 @@
 The modules `dynamics`, `friction` and `integrator` define the latter. Elementwise source, see `elementwise`.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 from collections.abc import Sequence

@@ -14,8 +14,6 @@ side is written independently, and its steps never cross a sign change of a velo
 `integrator.hold_of`, including that of the force approximated over a control step, and is too slow for other uses.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence

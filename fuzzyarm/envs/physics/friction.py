@@ -4,8 +4,6 @@ Elementwise source: every argument is a scalar, an array or a tensor of lanes, a
 run in plain NumPy, on torch tensors and, recorded, as machine code; see `elementwise`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

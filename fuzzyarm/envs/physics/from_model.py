@@ -4,8 +4,6 @@ The typical values are those of a shipped robot, whose file states their sources
 are those of the shipped robot's joint with the nearest limit Γ', times Γ/Γ' (angles and speeds unchanged).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -11,8 +11,6 @@ the velocity-dependent ones are computed twice. The motors' velocities are advan
 control step (`held_of`), the torque is held and the tip force is linear in time.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

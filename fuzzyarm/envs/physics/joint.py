@@ -3,8 +3,6 @@
 A value out of range raises ValueError, which names the joint if the value belongs to one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -15,8 +15,6 @@ All functions take angles q [rad] of shape (..., n) and return arrays with the s
 readability; `_serial` has the same equations for every kind of number.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -9,8 +9,6 @@ paper's lengths and torque limits has the paper's loads. `with_loads` sets other
 A `Scenario` is the reference of one episode and the disturbance that acts on the arm.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import re

@@ -12,8 +12,6 @@ torque limit.
 There are also families of references for domain randomisation, from which each episode draws one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

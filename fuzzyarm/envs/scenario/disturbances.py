@@ -1,7 +1,5 @@
 """Disturbances as data: forces, payloads, torque biases and encoder noise."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

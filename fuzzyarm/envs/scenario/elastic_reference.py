@@ -10,8 +10,6 @@ and δ = τ_d/K_t where B_t = 0. The integral is a Gauss-Laguerre quadrature; wh
 Gauss quadratures over panels that end at the corners.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cached_property
 

@@ -27,8 +27,6 @@ The `_IMPROVED` best of `_POSTURES` random postures are improved by a local sear
 `_ROUNDED` decimals, so that it is the same on every machine.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Every quantity of an episode is drawn independently and uniformly from a range; 
 keeps the nominal value, so the default randomisation varies nothing.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable

@@ -10,8 +10,6 @@ The time law leads every reference from rest to rest:
     s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(t) = p(s(t)),   ṗ = p' ṡ,   p̈ = p'' ṡ² + p' s̈
 """
 
-from __future__ import annotations
-
 import abc
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """Accuracy of the time step: one closed loop, run with the environment's integrator and with the event integrator."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv

@@ -4,8 +4,6 @@ A step is a control step with observation, reward and due resets, under actions 
 most similar environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools

@@ -1,7 +1,5 @@
 """The speed table: entries take turns; a speed is a median over rounds, and a ratio is taken within each round."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import gc

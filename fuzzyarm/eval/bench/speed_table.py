@@ -1,7 +1,5 @@
 """The table of `fuzzyarm bench` and its notes, and the figure of --lanes-sweep: throughput over the number of lanes."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

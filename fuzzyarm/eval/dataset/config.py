@@ -1,7 +1,5 @@
 """The contents of a data set: the level of its policies, the condition they act in, and the number of episodes."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any, Literal, get_args

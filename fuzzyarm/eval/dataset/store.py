@@ -3,8 +3,6 @@
 A folder of data sets is Minari's root: with ``MINARI_DATASETS_PATH=FOLDER``, `minari.load_dataset` finds them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

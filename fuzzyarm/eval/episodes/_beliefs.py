@@ -8,8 +8,6 @@ The object may also have ``diverged``, true once the estimate has diverged; ``at
 estimate to whether it is at a limit of its range; and ``other_path``, true once the path deviates from the last one.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ lanes does all its steps before the next group begins, so that its data stay in 
 `fuzzy_policy.law`.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any, NamedTuple
 

@@ -7,8 +7,6 @@ The caller decides what to keep: `rollout.rollout_of` all signals of one arm, `T
         errors.add(step)
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple

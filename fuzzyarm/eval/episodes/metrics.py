@@ -4,8 +4,6 @@ Results, their table, the report, sweeps and leaderboards use only this definiti
 control steps of the episode unless its description says otherwise.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any

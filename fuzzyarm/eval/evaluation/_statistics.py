@@ -4,8 +4,6 @@ The interquartile mean of n values is the mean without the ⌊n/4⌋ smallest an
 the mean of the middle three. A single failed run does not move it, and it uses more of the runs than the median does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Every figure over time is a grid with a row per `_Panel` and a column per case. 
 of the two-joint arm, or face-on where it lies in space.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

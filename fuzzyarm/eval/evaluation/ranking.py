@@ -8,8 +8,6 @@ has no score. Such policies rank last, ordered by the number of episodes in whic
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

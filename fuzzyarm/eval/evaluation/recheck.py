@@ -1,7 +1,5 @@
 """Rerun of an evaluation from its ``results.json``, with a comparison of every number."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ All fields of `EvaluationConfig` except the policies are conditions, which must 
 together.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import math

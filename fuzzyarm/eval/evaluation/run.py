@@ -1,7 +1,5 @@
 """Policies x cases x seeds -> rollouts, one row of metrics each, and files."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shlex

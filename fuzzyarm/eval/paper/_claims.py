@@ -5,8 +5,6 @@ measured numbers. Its groups are ``statements`` (the reference, the cases, the i
 (the size of the design problem by number of rules) and ``rollouts`` (the three cases).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -4,8 +4,6 @@
 folder with it after an intended change.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -6,8 +6,6 @@ A, the bound (24), and L = 0, the smallest L that the inequalities allow. "Consi
 see `proof._theorems`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

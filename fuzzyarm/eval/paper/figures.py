@@ -5,8 +5,6 @@ that the text states are drawn as grey bands. As in the paper, dotted blue means
 means 4 rules or joint 2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any

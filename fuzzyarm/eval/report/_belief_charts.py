@@ -1,7 +1,5 @@
 """Estimates of policies compared with true values: a force chart and a table for each case and policy."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Data of the replay: the signals that the page's script draws, thinned to limit its size."""
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Sequence

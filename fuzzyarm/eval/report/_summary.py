@@ -3,8 +3,6 @@
 Charts are small SVGs with a row for each policy; colours are classes of the page's style, dark or light.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -3,8 +3,6 @@
 The section of tubes draws the proven tube of the elastic, sampled arm's tip around the path.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from html import escape

@@ -4,8 +4,6 @@
 content security policy names the digests of script and style, so that a browser runs and loads nothing else.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -11,8 +11,6 @@ with a torque d added to the law's, and the derivatives E_u and E_s of the law a
 the open loop with u = -y gives the closed one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import math

@@ -1,7 +1,5 @@
 """The stability margins of `fuzzyarm margins`: the conditions, the document and the table."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

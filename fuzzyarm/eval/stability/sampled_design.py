@@ -1,7 +1,5 @@
 """Designs with margins on the sampled elastic arm, and the changes of an arm that would give a design such margins."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from fuzzyarm.envs.physics.equations import AnyArm

@@ -5,8 +5,6 @@ stream for seed + i; noise and delay come from another stream of the same seed. 
 worker, policy or case, and comparisons are paired.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence

@@ -10,8 +10,6 @@ Only comparable files are ranked together: they share cases, distribution of pla
 number of plants may differ.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

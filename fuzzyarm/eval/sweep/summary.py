@@ -12,8 +12,6 @@ quantile in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % 
 Wilson's interval: where all plants succeed, every resample does too, and a bootstrap would claim certainty.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -21,8 +21,6 @@ The shipped weights come from the points of `ADAPTIVE_SEARCH` and two runs of Ne
 the best point and one from the first guess.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -4,8 +4,6 @@ The motion is the arm's default reference. Loads are scaled as those of the case
 search simulates the cases with loads.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

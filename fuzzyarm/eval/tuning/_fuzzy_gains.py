@@ -13,8 +13,6 @@ inertias and (20 1/s)/α; the poles are those of Table 1, because the control pe
 rejected if no design with the largest γ, which has the smallest gains of the grid, meets the requirements.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -14,8 +14,6 @@ active: more accuracy costs margin.
 The shipped weights come from 64 points of the Sobol set and three runs of Nelder-Mead with 150 evaluations.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -5,8 +5,6 @@ The weights of Table 1 are the first guess. They stay unless a search lowers the
 since a smaller difference says nothing about the weights.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -6,8 +6,6 @@ condition of `fuzzyarm margins` along the default reference; of the elastic obse
 which softer joints destabilise.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json

@@ -1,7 +1,5 @@
 """The page of a tuning, in Markdown: the decision for each policy, its rule, and the margins of the policy."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

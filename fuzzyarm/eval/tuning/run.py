@@ -11,8 +11,6 @@ Every file is written whole or not at all, and ``laws.json`` after the files tha
 chance or the number of processes, so an interrupted and resumed run has the result of an uninterrupted one.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import os

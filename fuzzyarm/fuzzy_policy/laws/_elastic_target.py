@@ -14,8 +14,6 @@ The feedforward that moves the motors (inertia I_a, viscous friction f_v, dry fr
 by default at t_k + T/2 instead of t_k: the mean over the next hold, extrapolated from the last two samples.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any, NamedTuple
 

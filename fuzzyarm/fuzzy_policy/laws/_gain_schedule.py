@@ -7,8 +7,6 @@ eight points around the circle. The gains at a point are designed for the mean o
 interpolated linearly in each angle.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from typing import Any, NamedTuple

@@ -9,8 +9,6 @@ The equation is solved by doubling (Chu, Fan, Lin and Wang, International Journa
 its structure: for the arms of this package the gains have relative errors of about 1e-13.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fuzzyarm.numbers.linear import product, solved

@@ -5,8 +5,6 @@
 M includes the motor inertias, and q and q̇ are measured at the motors. The rigid arm's loop has a triple pole at -ω.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

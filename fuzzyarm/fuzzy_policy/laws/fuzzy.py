@@ -6,8 +6,6 @@ For a twice differentiable reference the reference model (8) is the identity, x_
 L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x_r - E_pv ẋ_r exactly for the kept premises.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

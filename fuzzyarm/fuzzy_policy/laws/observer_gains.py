@@ -20,8 +20,6 @@ with a factor σ ≥ 1 weaken the feedback and make it more robust. The default 
 the loop is stable at random postures under all `_CONDITIONS`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

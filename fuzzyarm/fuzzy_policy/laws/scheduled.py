@@ -4,8 +4,6 @@ The Coriolis torques are computed from the measured velocity, so that they leave
 policy measures q and q̇ at the motors.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

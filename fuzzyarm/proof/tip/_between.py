@@ -7,8 +7,6 @@ For e(t) = p(q(t)) - p_r(t) and t in [0, T], linear interpolation errs by at mos
 because q̇ is absolutely continuous and q̈ essentially bounded on a tube. p̈(q) and p̈_r are evaluated on balls.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

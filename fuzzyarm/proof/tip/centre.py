@@ -6,8 +6,6 @@ are bounded afterwards (`_defects`), and the centre's friction is the torque tha
 slips or rests; the period is divided at the changes between the two.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from collections.abc import Iterator, Sequence

@@ -25,8 +25,6 @@ of inflection, the remaining decrease is too small for a ball to decide its sign
 `STRIBECK.magnitude` about balls that cover speeds up to 2^100 times the inflection's.
 """
 
-from __future__ import annotations
-
 import enum
 import itertools
 import math

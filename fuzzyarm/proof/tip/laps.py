@@ -116,8 +116,8 @@ class LapSet(NamedTuple):
     def around(cls, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> LapSet:
         """Return a set that contains the end of a lap: a point c plus deviations.
 
-        `point` is its centre, memory and waiting torque. The largest columns of the deviations remain; a
-        parallelepiped encloses all others.
+        `point` is c: state (8,), memory (m,) and waiting torque (0 or 2,). The largest columns of the deviations
+        remain; a parallelepiped encloses all others.
         """
         constants, others = _parted(deviations)
         totals = deviations.totals()
@@ -142,9 +142,10 @@ class LapSet(NamedTuple):
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
         """Return a bound on this set's |g_i| for all points of the end of a lap; at most 1 means that all lie inside.
 
-        The end is given as for `around`. Its difference from this set's c + C π is Y y, |y_i| <= 1, with the columns
-        c⁺ - c, C⁺ - C and its own. With G = [G', B], g' = Γ' y for any Γ', and x = B g'' = (Y - G' Γ') y. For W near
-        B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|).
+        The end is given by `point`, (8,), (m,), (0 or 2,), and deviations, as in `around`. Its difference from this
+        set's c + C π is Y y, |y_i| <= 1, with the columns c⁺ - c, C⁺ - C and its own. With G = [G', B], g' = Γ' y for
+        any Γ', and x = B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| /
+        (1 - max Σ |E|).
         """
         numbers, block = len(self.columns), self.columns[:, -len(self.columns) :]
         constants, others = _parted(deviations)

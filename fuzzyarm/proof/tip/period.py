@@ -11,8 +11,6 @@ bounds would hold, so the continuous deviation would be within ρ' < ρ there. T
 r + Q a with r, Q >= 0. Then G(ρ) < ρ implies a <= ρ; otherwise λ = max a/ρ > 1 would give a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple
 

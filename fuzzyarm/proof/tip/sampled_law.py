@@ -8,8 +8,6 @@ correlated. The part of the memory that depends only on the reference is not in 
 stored as floats.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

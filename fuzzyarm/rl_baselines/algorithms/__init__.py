@@ -1,7 +1,5 @@
 """The learning algorithms by name: the `SPEC` of each module in this folder, and those added by `add_algorithm`."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Iterator

@@ -15,8 +15,6 @@ the reach. Encoders are noisy in half of the lanes, in half of these very little
 the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -5,8 +5,6 @@ force is known at the last, current and next samples, so that the motors follow 
 has to learn the difference between the teacher's torque and its own base torque u_b.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

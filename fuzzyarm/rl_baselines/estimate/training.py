@@ -8,8 +8,6 @@ with s = 0.02, ρ the student's residual torque and ρ* the teacher's torque min
 A training run takes minutes and cannot be resumed; the same seed gives the same network on the same machine.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

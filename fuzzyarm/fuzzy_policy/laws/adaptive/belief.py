@@ -14,8 +14,6 @@ constants are not affine in its masses, a contains the entries of the `Plant`, t
 `torque_limit`, joint by joint, and forces relative to `unit_force`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Mapping

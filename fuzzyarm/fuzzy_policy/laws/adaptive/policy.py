@@ -13,8 +13,6 @@ If the filter diverges or the commands oscillate (`AdaptiveWeights.largest_swing
 `Policy.act` uses the law `fallback` from then on.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from typing import Any

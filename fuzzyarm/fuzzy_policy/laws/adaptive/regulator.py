@@ -13,8 +13,6 @@ An episode begins with a fraction of K: with all of it, motors stronger or more 
 until the filter adapts.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -3,8 +3,6 @@
 This module loads no policy code, so that the command line reads it quickly.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -17,8 +17,6 @@ where u_k is the last torque commanded before instant k + 1. When an episode beg
 torques and the integral x are zero.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -15,8 +15,6 @@ x = clip((f - mean)/std, ±c) and the cell's content m (h and m are zero when an
     (i, r, g, o) = W_x x + W_h h + b,    m⁺ = σ(r)∘m + σ(i)∘tanh g,    h⁺ = σ(o)∘tanh m⁺.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

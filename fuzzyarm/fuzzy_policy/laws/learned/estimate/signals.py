@@ -26,8 +26,6 @@ robot given by its frames, every unit is that of Table 1 times a ratio between t
     lengths, tip       the reach
 """
 
-from __future__ import annotations
-
 import functools
 from collections import namedtuple
 from typing import Any, NamedTuple
