@@ -167,7 +167,10 @@ def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarr
 
 
 def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
-    """Return a seed per lane: those given, or seed, seed + 1, ... for one. None, for all or one, continues a stream."""
+    """Return one seed per lane: the given ones, or seed, seed + 1, ... for a single seed.
+
+    A lane with the seed None continues its random stream; None instead of a list: every lane does.
+    """
     if given is None:
         return None
     if isinstance(given, Sequence | np.ndarray):

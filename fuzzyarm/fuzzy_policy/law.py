@@ -4,7 +4,7 @@
 
 `memory` is a tree of numbers, all zero when an episode begins; each part of `seen`, an `Observation`, is a record with
 one number per joint; `constants` is a tree of floats; rows of a table are read by `numbers.functions.row`. Torques are
-not clipped. It runs with floats, too; machine code and C are generated from a recording of its operations.
+not clipped. It also runs on floats; machine code and C are generated from a recording of its operations.
 """
 
 from __future__ import annotations

@@ -292,7 +292,10 @@ def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
 
 
 def _is_doubtful(stages: Stages) -> bool:
-    """Return whether, in the last stage adopted but Stribeck, a joint's error exceeds `_DOUBTFUL` times its motion."""
+    """Return whether a joint's error exceeds `_DOUBTFUL` times its motion.
+
+    The error is that of the last stage adopted among rigid, sticking and elastic.
+    """
     if stages.motion is None or not stages.errors:
         return False
     errors = stages.errors["elastic" if stages.is_elastic else "sticking" if stages.is_sticking else "rigid"]

@@ -22,7 +22,8 @@ boxes are treated at a time, in floating point with a bound on every rounding er
 The only assumption is that sines and cosines of the mathematical library are accurate to `_LIBRARY` units in the last
 place. `proven_in_balls` proves the same boxes again in balls, without this assumption: coefficients are exact, sines
 and cosines are balls with outward rounding (FLINT's `arb`), and each control matrix is proven positive definite by
-Gershgorin's theorem on T A Tᵀ, as in `definiteness`.
+Gershgorin's theorem on T A Tᵀ, as in `definiteness`. T may be any matrix; it is computed from a Cholesky factor in
+floating point.
 """
 
 from __future__ import annotations

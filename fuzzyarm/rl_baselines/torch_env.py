@@ -53,10 +53,10 @@ _MOST_LANES = 2**26  # a lane takes about 100 bytes
 class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
-    The class is untested on a GPU. Equations, reward, episode ends, observations and the meaning of the arguments are
-    those of `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same
-    plants, references and noise as the NumPy environment with seed s + i, on every device; in float64 the trajectories
-    also agree up to rounding.
+    Torch runs the equations, compiled or operation by operation. The class is untested on a GPU. Equations, reward,
+    episode ends, observations and the meaning of the arguments are those of `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane
+    i of a batch that was reset with ``seed=s`` draws the same plants, references and noise as the NumPy environment
+    with seed s + i, on every device; in float64 the trajectories also agree up to rounding.
 
         envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
         observation, info = envs.reset(seed=0)

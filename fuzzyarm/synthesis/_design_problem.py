@@ -60,7 +60,7 @@ CERTAIN = "PrimalInfeasible"
 """The solver's status if it has proven, to its full accuracy, that there is no point."""
 _INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
 
-# γ ties the unit c of V to P. In the consistent form c is proportional to σ/(γU)²; the factor 0.37 gives the smallest
+# γ ties the unit c to P. In the consistent form c is proportional to σ/(γU)²; the factor 0.37 gives the smallest
 # gains with z1 kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's form 1e-4 at γ = 1000 suits every model.
 _BEST_SCALE = {True: 0.37, False: 0.6}
 _PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
@@ -305,7 +305,7 @@ class DesignProblem:
         """Return factors for the rows of Ψ or Φ that reduce a large γ² in the rows w to one.
 
         The solver's tolerance is relative to the largest constant. The factors only reduce the rows w, so a matrix that
-        is at most -μ I with them is so in plain units, too.
+        is at most -μ I with the factors is also at most -μ I in plain units.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))

@@ -21,7 +21,7 @@ from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification, gamma_f
 
 __all__ = ["best_point", "why_infeasible"]
 
-_FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # factors on the unit of V, tried in turn until a point is found
+_FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # factors on the unit of P, tried in turn until a point is found
 _KEPT = 8  # compiled problems
 _MANY = 4  # rules from which one infeasible vertex rules out a scale: 0.02 to 2 s instead of up to a minute
 _MOST_SEARCHED = 4  # most rules for a search for a limit with the whole model; a design with 32 takes ten seconds
@@ -41,7 +41,7 @@ _LIMITS = {
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
     """Return the point of a specification, or a `NoPoint` that says why; with `vertex`, only for that vertex of A.
 
-    The scales of V are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a cone
+    The units of P are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a cone
     program that minimises γ² would be too badly scaled, since d and r differ by decades.
     """
     if specification.gamma is None and specification.form == "paper":

@@ -5,7 +5,7 @@ the frame of (26): the base at the origin, x down along gravity, y to the side. 
 frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
 Circle, lemniscate, line and square can be chosen by name, for the paper's arm and in a plane for any other arm. A
-square has round corners, because a reference is twice differentiable.
+square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
 
 Each class raises TypeError for a value that is not a real number, or a path without a method ``points``; and ValueError
 for a number that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors

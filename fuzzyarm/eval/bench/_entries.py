@@ -66,7 +66,7 @@ class Entry:
 
 
 def single_entries() -> list[Entry]:
-    """Return the entries that step one environment of `gymnasium.make`: those of this project and of its peers."""
+    """Return the entries that step one environment of `gymnasium.make`, this project's and its peers'."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "Reacher-v5")):

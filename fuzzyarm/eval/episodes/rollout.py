@@ -1,7 +1,5 @@
 """Episodes of one policy, recorded sample by sample: a single episode, or several passes along one path."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

@@ -7,7 +7,7 @@ import hashlib
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -22,8 +22,8 @@ __all__ = ["NAME", "digest", "npz_bytes", "read_rollouts", "write_rollouts"]
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
-_KINDS = {"str": "U", "int": "i", "float": "f", "bool": "b"}  # of arrays, by the annotation of a field
-_SINGLE = {field.name: _KINDS[field.type] for field in dataclasses.fields(Rollout) if field.type in _KINDS}
+_KINDS = {str: "U", int: "i", float: "f", bool: "b"}  # of arrays, by the type of a field
+_SINGLE = {name: _KINDS[kind] for name, kind in get_type_hints(Rollout).items() if kind in _KINDS}
 _POINTS = ("tip", "tip_reference", "external_force")
 _SCALARS = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
 _LARGEST = 1e60  # the largest absolute value allowed for a number, whose powers are then finite

@@ -47,7 +47,10 @@ def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the cell of `metrics` under one heading, over several seeds; for a joint's metric, those of all joints."""
+    """Return the cell of `metrics` under one heading, over several seeds.
+
+    If they are a metric of one joint, the cell has the numbers of all joints, as in [0.1, 0.2].
+    """
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
     names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]

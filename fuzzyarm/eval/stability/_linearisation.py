@@ -6,8 +6,8 @@ equilibrium is found by Newton's method.
 The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an observer, is
 linearised without that model, see ``Policy.without_dry_friction()``.
 
-The result is local. It compares policies and proves nothing about the moving arm; proofs, with their own margins, are
-in `fuzzyarm.proof`.
+The result is local, at frozen postures and without dry friction. It compares policies and proves nothing about the
+moving arm; proofs, with their own margins, are in `fuzzyarm.proof`.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is

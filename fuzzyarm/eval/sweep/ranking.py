@@ -2,9 +2,9 @@
 
 The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: the
 error that a user must allow for without knowing the plant or the next load. Its interval reaches from the largest of
-the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. A policy that
-ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by the share of
-such episodes.
+the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. Smaller is better. A
+policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by
+the share of such episodes.
 
 Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. The
 number of plants may differ.
@@ -95,7 +95,7 @@ def is_sweep(path: Path) -> bool:
 def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
     """Rank the policies of sweeps, given as `SUMMARY` files of `fuzzyarm sweep` or the folders that contain them.
 
-    Its exceptions are those of `rank_policies`.
+    It raises the exceptions of `rank_policies`.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     again = "make it again with fuzzyarm sweep --out {}"

@@ -167,7 +167,7 @@ def _feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
 
 
 def _noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
-    """Return the largest tip error [mm] of the nominal arm, with encoder noise; `_CAP` if the episode ends early."""
+    """Return the largest tip error [mm] of the nominal arm with noise but no load; `_CAP` if the episode ends early."""
     env = gym.make("FuzzyArm-v0", disturbance=Disturbance(encoder_noise=_NOISE), parameters=policy.arm)
     steps = list(episodes(env, policy, env.reset(seed=_SEED)))
     return max(1e3 * float(step.info["tip_error"]) for step in steps) if steps[-1].completed else _CAP

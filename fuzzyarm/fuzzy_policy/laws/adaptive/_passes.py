@@ -9,7 +9,7 @@ force of pass j is the expected force plus f_t along the direction of travel t a
 The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces estimated while the constants
 still changed would count a load twice if it moved from a force to the payload.
 
-The payload's share of F_1 follows from its variation. F_1 is linear in the assumed payload m,
+The payload's share of F_1 follows from the variation of F_1, which is linear in the assumed payload m,
 F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload for which the force has the least total variation,
 
     min_{m ≥ 0} Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
@@ -19,7 +19,7 @@ later passes the force varies too little to determine the payload. A law that as
 filter allows because links may be lighter than modelled, loses control of a heavier arm.
 
 A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
-position; payload, constants and delay keep their learned values.
+position; payload, constants and delay keep their learned values. The next pass starts with nothing learned.
 """
 
 from __future__ import annotations
@@ -182,7 +182,10 @@ def _lines(force: np.ndarray) -> np.ndarray:
 
 
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
-    """Return the expected force (lanes, `KEPT` + 1, axes) at `sample`, back from it, at the next; 0 on `other_path`."""
+    """Return the expected force [N] (lanes, `KEPT` + 1, axes): at `sample` and the samples before it, then at the next.
+
+    It is 0 in lanes of `other_path` (lanes,).
+    """
     window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
@@ -267,7 +270,10 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return memories before the first sample `measured`, from `early` after it, with the constants of `known`."""
+        """Return the filter's memories (lanes, size) before the first sample, with no force.
+
+        `measured` (lanes, 2 n) is that sample, `early` the memories after it; the arm's constants are from `known`.
+        """
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
         memory[:, FLAG.calm], z = 0.0, memory[:, at.z]
