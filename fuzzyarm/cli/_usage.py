@@ -1,4 +1,4 @@
-"""The error for bad usage, and checks of files and folders shared by commands."""
+"""The error for incorrect usage, and checks of files and folders that several commands use."""
 
 import contextlib
 import tempfile

@@ -128,7 +128,7 @@ def instance(name: str, value: Any, kind: type[_Choice]) -> _Choice:
 
 
 def keep(record: object, name: str, value: Any) -> None:
-    """Set a field of a frozen record to a checked value."""
+    """Set a field of a frozen record to a value checked before."""
     object.__setattr__(record, name, value)
 
 
@@ -178,13 +178,13 @@ def array_of(name: str, values: Any) -> np.ndarray:
 
 
 def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
-    """Raise TypeError for an array of booleans, complex numbers, strings, dates or objects."""
+    """Raise TypeError, with this name and unit, unless the array has integers or real floats."""
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name} must contain real numbers{_bracketed(unit)}, not {array.dtype}"[:_MESSAGE])
 
 
 def all_finite(array: np.ndarray) -> bool:
-    """Return whether all numbers of an array are finite; for small arrays, a test of the sum is faster than NumPy's."""
+    """Return whether all numbers of an array are finite; a small array is tested by its sum, faster than by NumPy."""
     few = array.size <= _FEW and math.isfinite(sum(array.ravel().tolist()))
     return few or bool(np.isfinite(array).all())
 

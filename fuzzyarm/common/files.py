@@ -58,7 +58,7 @@ def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
 
 
 def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> None:
-    """Write a folder with `files` by name beside `folder`, then rename it; an existing folder is replaced."""
+    """Write `files` (content by name) to a new folder, then rename it to `folder`; an existing folder is replaced."""
     aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         new = aside / "new"

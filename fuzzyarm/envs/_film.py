@@ -1,4 +1,4 @@
-"""The trace of an episode and its pictures for `render_mode`; only the mode ``human`` needs a display."""
+"""The trace of an episode, and pictures of it for the environment; only the mode ``human`` needs a display."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ __all__ = ["Film"]
 class Film:
     """The trace of an arm's episode, and its pictures: as arrays, or in a window at `fps` frames per second.
 
-    The canvas is made for the first picture; copies and pickles do not contain it. The control period is in s.
+    The canvas is made for the first picture. The control period is in s.
     """
 
     def __init__(self, in_window: bool, fps: float, control_period: float, arm: AnyArm) -> None:

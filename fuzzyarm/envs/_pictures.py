@@ -1,6 +1,7 @@
 """Pictures of arms, drawn in software with pygame: the two-joint arm in its plane, any other robot in perspective.
 
-The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x.
+The plane has the frame of the paper's equation (26), turned so that gravity points down the picture: right = y,
+down = x.
 """
 
 import functools
@@ -108,7 +109,7 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 def _paint_error(
     canvas: Canvas, pixels: Callable[[np.ndarray], np.ndarray], tip: np.ndarray, reference: np.ndarray
 ) -> int:
-    """Paint reference + factor (tip - reference) [m], traces (n, 2 or 3) that `pixels` maps to px; return factor."""
+    """Paint a trace (n, 2 or 3) [m], which `pixels` maps to px, with magnified tip error; return the magnification."""
     low, high = np.array([[_DOT, HEADER + _DOT], [WIDTH - _DOT, HEIGHT - FOOTER - _DOT]])
     for factor in _MAGNIFICATIONS:
         errors = pixels(reference + factor * (tip - reference))
@@ -189,7 +190,7 @@ def _case_title(disturbance: Disturbance, arm: AnyArm) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _case(arm: AnyArm, name: str) -> Case | None:
-    """Return the case `name` with loads for an arm; None if it cannot follow the default reference, which sets them."""
+    """Return the case `name` with loads for an arm; None if the arm cannot follow the reference that sets the loads."""
     try:
         return case_for(name, arm)
     except ValueError:

@@ -60,7 +60,7 @@ def assessed(
     physics: Physics, before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any,
     arm: Any, limits: Any,
 ) -> Moved:  # fmt: skip
-    """Return the `Moved` of a step from state `before` to `reached`; the others are as in `control_step`."""
+    """Return the `Moved` of a step from state `before` to `reached`; other arguments are named as in `control_step`."""
     sound = finite(reached)
     pairs = zip(flat(reached), flat(before), strict=True)
     state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
@@ -106,7 +106,7 @@ def _between(number: Any, low: Any, high: Any) -> Any:
 
 
 class Given(NamedTuple):
-    """What an episode of a lane begins with: its plant, its schedule and the place of its payload."""
+    """What a lane's episode begins with: the indices of its plant and schedule, and where its payload is."""
 
     plant: Any  # index of the lane's plant
     start: Any  # index of the schedule to begin, or of the first one of a family
@@ -116,11 +116,11 @@ class Given(NamedTuple):
 def begun(
     layout: Layout, clock: Clock, given: Given, initial: Any, ranges: Any, plants: Any, starts: Any, schedule: Any
 ) -> tuple[Any, Any, Any, Any]:
-    """Return a lane at the beginning of an episode, its clock, its draws, and the first row of its schedule.
+    """Return a lane, its clock and its draws at the beginning of an episode, and the first row of its schedule.
 
-    `clock` has the key of the last episode; `initial` is the initial state; if its first entry is nan, the arm begins
-    at rest on the reference; `ranges` are pairs (low, high), one for each number of `draw_record`. The rows of the
-    three tables are of the types `Plant`, `Start` and `row_record`.
+    `clock` has the key of the last episode. `initial` is the initial state; if its first entry is nan, the arm begins
+    at rest on the reference. `ranges` are pairs (low, high), one for each number of `draw_record`. The rows of the
+    tables `plants`, `starts` and `schedule` are of the types `Plant`, `Start` and `row_record`.
     """
     physics, PerJoint = layout.physics, layout.physics.PerJoint
     key = draw(word(clock.key), NEXT_KEY)

@@ -316,7 +316,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
-        """Add the random draws of the episode to `info`, and the current instant to the trace for the pictures."""
+        """Add the episode's random draws to `info`; add its vectors to the trace from which pictures are drawn."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:

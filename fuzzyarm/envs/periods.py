@@ -42,7 +42,10 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s] a control period [s] has; None: default for a fastest mode of `rate` [rad/s]."""
+    """Return how many sub-steps [s] a control period [s] has.
+
+    Without `substep`, it is the default for an arm whose fastest mode has `rate` [rad/s].
+    """
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

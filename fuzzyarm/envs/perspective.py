@@ -41,7 +41,7 @@ class Camera(NamedTuple):
     center: np.ndarray = np.zeros(2)  # picture position of the point straight ahead (2,) [px]
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Return the depth (...) [m] of points (..., 3) [m]."""
+        """Return how far (...) [m] points (..., 3) [m] are ahead of the camera."""
         return np.asarray((points - self.eye) @ self.axes[-1])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:

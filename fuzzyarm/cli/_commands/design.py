@@ -24,7 +24,7 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Design a fuzzy controller and prove it from its stored gains.
+    """Design a fuzzy controller, and prove its matrix inequalities from the stored gains.
 
     The two-joint arm uses the consistent-reference form. Any other robot uses the semidefinite form, in which the rules
     schedule the gains by the inertia.
@@ -133,7 +133,7 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
 
 
 def _margins(controller: Controller | ScheduledController, period: float, ends: dict[str, AnyArm]) -> str:
-    """Return in words the stability margins of a controller on its sampled elastic arm and on the arms in `ends`."""
+    """Return in words a controller's margins at a control period [s], and its spectral radii on the arms in `ends`."""
     from fuzzyarm.eval.stability.margins import ends_in_words, ends_of, margins_in_words
     from fuzzyarm.eval.stability.sampled_design import why_unstable
     from fuzzyarm.policies import load_policy

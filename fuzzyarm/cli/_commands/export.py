@@ -79,7 +79,7 @@ class Options:
 
 
 def _problem(options: Options) -> Any:
-    """Return the problem, as in `fuzzyarm prove`, that the options of the format automaton define."""
+    """Return the problem of `fuzzyarm prove` that the options for an automaton define."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.policies.tip_bound import TipClaim, problem_of

@@ -16,8 +16,8 @@ __all__ = ["Options"]
 class Options:
     """Rank the policies in results files by their largest tip error over all cases.
 
-    For sweeps, it is the error that 99 % of the plants stay below in every case. Files of different kinds, conditions
-    or versions are refused.
+    Sweeps are ranked by the error that 99 % of the plants stay below in every case. Files of different kinds,
+    conditions or versions are refused.
     """
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]

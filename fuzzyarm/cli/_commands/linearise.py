@@ -35,7 +35,7 @@ class Options:
     """Robot by name, or TOML file of another arm or robot (default: Table 1 of the paper)"""
 
     def run(self) -> int:
-        """Write the files; print the spectral radius and the gain margins at the posture."""
+        """Write the linear models and their figures; print the spectral radius and the gain margins at the posture."""
         from fuzzyarm.envs.periods import checked_period
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.eval.stability.linear_models import linear_models

@@ -18,7 +18,8 @@ __all__ = ["Options"]
 class Options:
     """Run policies on the 128 held-out episodes of this version, and print their scores N.
 
-    computed-torque has N = 0 and learned-observer N = 100. Paths, arms, pushes and payloads are never used in training.
+    computed-torque has N = 0 and learned-observer N = 100. The episodes' paths, arms, pushes and payloads are never
+    used in training.
     """
 
     policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = COMPARED
@@ -31,7 +32,7 @@ class Options:
     """Print the results as JSON instead of the table"""
 
     def run(self) -> int:
-        """Score, print, and write the file."""
+        """Run the policies, print their scores, and write the file if one is given."""
         from fuzzyarm.common.files import write_atomically
         from fuzzyarm.eval.score import print_scores, scores
         from fuzzyarm.policies import resolve_all

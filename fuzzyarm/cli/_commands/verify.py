@@ -20,9 +20,9 @@ __all__ = ["Options"]
 class Options:
     """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
 
-    In the semidefinite form, the bounds on the robot's inertia are proven on covers of boxes, in ball arithmetic with
-    outward rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The exit code is 0
-    only if everything is proven.
+    For the semidefinite form, bounds on the robot's inertia are proven on boxes that cover its joint angles, in ball
+    arithmetic with outward rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The
+    exit code is 0 only if everything is proven.
     """
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]

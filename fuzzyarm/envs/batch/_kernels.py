@@ -115,14 +115,17 @@ _LAYOUTS = {"R": PortLayout.ROWS, "C": PortLayout.COLUMNS, "B": PortLayout.BLOCK
 
 
 def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[int, ...]], layouts: str) -> Kernel:
-    """Return the kernel of a `Program` of the other arguments; `layouts` by port: R (rows), C (columns), B (blocks)."""
+    """Return the kernel of a `Program` of the first four arguments; `layouts` has a key of `_LAYOUTS` for each port."""
     with np.errstate(over="ignore"):  # products of words may overflow
         program = Program(function, ports, constants, tables)
     return Kernel(program, [_LAYOUTS[one] for one in layouts])
 
 
 def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> StepResults:
-    """Return the `StepResults` of a step that ends at a time [s]; `over` says whether the schedule is at its end."""
+    """Return the `StepResults` of a step that ends with `moved` at a time [s].
+
+    `target` is the tip's at that time; `over` says whether the schedule ends then.
+    """
     found, state = moved.found, moved.state
     vectors = StepVectors(
         tip=found.tip,

@@ -119,7 +119,7 @@ class Lanes:
         return self._begin(which)
 
     def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
-        """Return the call that steps all lanes under torques (lanes, joints) [N m], to fill `out` of `Layout`."""
+        """Return a call that steps all lanes under torques (lanes, joints) [N m], filling `out`; see `Layout.split`."""
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
@@ -161,7 +161,10 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in lanes `which` (n,) of arrays (values, clock, draws) at `Assignment.places` in `tables`."""
+        """Begin episodes in lanes `which` (n,) at `Assignment.places` in `tables`; return the same as `reset`.
+
+        `arrays` are (values, clock, draws) of all lanes, changed in place; `initial` is as for `reset`.
+        """
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         initial = (
@@ -277,7 +280,7 @@ class Lanes:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
     def _check_contents(self, arrays: _SavedArrays, over: np.ndarray | None) -> None:
-        """Raise ValueError unless the lanes can reach the state `arrays` with only the lanes `over` (n,) ended.
+        """Raise ValueError unless the lanes can reach the state `arrays`; only the lanes `over` (n,) may have ended.
 
         Everything except the arm's state and the current instant is determined by the key of the episode.
         """
@@ -322,6 +325,6 @@ class Lanes:
         return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Restore a copy; its process may not have compiled the kernels yet."""
+        """Restore a copy or pickle; compile the kernels if this process has not compiled them yet."""
         self.__dict__.update(state)
         self.kernels.prepare(self.count)

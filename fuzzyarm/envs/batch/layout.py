@@ -47,7 +47,7 @@ class Noise(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """Integers of a lane: its present, first and last row in the schedules' table, and its random numbers' key."""
+    """Integers of a lane: current, first and last row of its episode in the table; key of its random numbers."""
 
     row: Any
     first: Any
@@ -132,7 +132,7 @@ class Layout:
         return out[:observed].reshape(lanes, self.observed), numbers[:, :lanes]
 
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
+        """Return views of one array `out` (`size`,): observations (lanes, `observed`), vectors and scalars (10, lanes).
 
         Vectors (entries, lanes) have a row for each entry, see `each`; scalars are those of `SCALARS`. The result is a
         plain tuple, since a record would slow small batches.
@@ -150,7 +150,10 @@ _LINE = 8  # numbers in a cache line
 
 
 def _apart(lanes: int) -> int:
-    """Return the distance between rows of `StepResults` in numbers: an odd number of cache lines keeps rows cached."""
+    """Return how many numbers apart the rows of `StepResults` begin.
+
+    An odd number of cache lines keeps rows from evicting each other from the cache.
+    """
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 
@@ -192,7 +195,7 @@ class ResultsMemory:
         self._size, self._rooms = size, list[StepRoom]()
 
     def room(self) -> StepRoom:
-        """Return a room that is not in use."""
+        """Return a `StepRoom` whose memory no result uses, or a new one."""
         for room in self._rooms:
             if sys.getrefcount(room._array) == _OWN:
                 return room

@@ -62,7 +62,10 @@ def uniform(key: Any, counter: Any) -> Any:
 
 
 def normal_pair(key: Any, counter: Any) -> tuple[Any, Any]:
-    """Return two independent standard normal samples from numbers `counter` and `counter` + 1 (Box and Muller)."""
+    """Return two independent standard normal samples (Box and Muller).
+
+    They are from numbers `counter` and `counter` + 1 of the stream with key `key`.
+    """
     radius = root(-2.0 * logarithm(1.0 - uniform(key, counter)))
     sine, cosine = sine_cosine(_TWO_PI * uniform(key, counter + 1))
     return radius * cosine, radius * sine

@@ -66,7 +66,7 @@ class Schedule:
 
     @property
     def references(self) -> np.ndarray:
-        """(steps + 1, 3 n), q_d, q̇_d, q̈_d of n joints at t_k [rad, rad/s, rad/s²]."""
+        """The reference at t_k (steps + 1, 3 n): q_d, q̇_d, q̈_d of n joints [rad, rad/s, rad/s²]."""
         return self.table[:, self.columns.reference]
 
     @property

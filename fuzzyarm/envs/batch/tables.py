@@ -1,7 +1,4 @@
-"""The schedules of all possible episodes of a batch, stacked as the kernels read them.
-
-Each lane is in its own scenario, or for one episode in a scenario requested by a reset.
-"""
+"""The schedules of all possible episodes of a batch, stacked as the kernels read them."""
 
 import dataclasses
 import functools
@@ -74,7 +71,7 @@ class Assignment:
 
     @property
     def own_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the first episode (lanes,) and place of the payload (lanes,) in the lanes' own scenarios."""
+        """Index of the first episode and `payload_place` in each lane's own scenario, both (lanes,)."""
         scenarios, places = self._own
         return self.own.firsts[scenarios], places
 
@@ -89,7 +86,10 @@ class Assignment:
             self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
     def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
-        """Return lanes (n,) to their own scenarios and drop unused tables; `clock` (entries, lanes) is updated."""
+        """Put these lanes (n,) back into their own scenarios; tables that are no longer used are dropped.
+
+        The row numbers of the other lanes in `clock` (entries, lanes) are updated.
+        """
         if len(lanes) == len(self._scenario_of):
             self.all_return()
             return
@@ -112,7 +112,7 @@ class Assignment:
         self.tables = Tables([*self.tables.scenarios, *tables.scenarios])
 
     def visiting(self) -> np.ndarray:
-        """Return the lanes (n,) that are in a scenario requested by a reset."""
+        """Return the indices (n,) of lanes that are in a scenario requested by a reset."""
         return np.flatnonzero(self._scenario_of >= len(self.own.scenarios))
 
     def places(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,10 +127,10 @@ def tabulated(
     family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables with a row every `control_period` [s], and each lane's scenario (n,) and payload place (n,).
+    """Return tables with a row every `control_period` [s]; each lane's scenario number and `payload_place`, both (n,).
 
-    There is one scenario for all n lanes or one per lane; `plant_of` (n,) is the plant number of each lane. Episodes
-    without a reference draw one from the family.
+    There is one scenario for all n lanes or one per lane; `plant_of` (n,) is the number of each lane's plant. Episodes
+    without a reference draw one from `family`.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)
@@ -176,7 +176,7 @@ def _tables(kinds: tuple[Scenario, ...], family: tuple[Reference, ...], control_
 
 
 def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Plan]:
-    """Return the episodes of a scenario, tabulated every `control_period` [s] with `axes` coordinates of the tip."""
+    """Return the episodes of a scenario, one or, without a reference, one for each of the `family`; see `_tables`."""
     (disturbance, reference), given = scenario, scenario[0].encoder_noise
     mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
     noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)

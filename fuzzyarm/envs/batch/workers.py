@@ -34,7 +34,7 @@ class Workers:
         self._owner = os.getpid()
 
     def run(self, call: Call) -> None:
-        """Run a kernel, bound to its arrays, for all lanes, which the threads share."""
+        """Run a kernel, bound to its arrays, for all lanes, which are divided among the threads."""
         if self.threads == 1 or len(self._pieces) == 1:
             call()
             return

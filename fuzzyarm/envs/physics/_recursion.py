@@ -46,9 +46,9 @@ class Body(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """The frames of a robot whose joints turn about z, its links and its tip, at given joint angles.
+    """The frames, links and tip of a robot whose joints turn about z; `turns` state its joint angles.
 
-    All methods except `regrouped` need the angles and bodies of mass 0, see the module.
+    All methods except `regrouped` need `turns`, and the bodies of mass 0 that `regrouped` returns.
     """
 
     rotations: Sequence[Sequence[Sequence[Any]]]  # A_j
@@ -94,9 +94,9 @@ class Chain(NamedTuple):
     def torques(
         self, rates: Sequence[Any], accelerations: Sequence[Any], gravity: Vector, force: Vector = NOTHING
     ) -> list[Any]:
-        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler for bodies of mass 0.
+        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler; masses are 0, see `regrouped`.
 
-        Outwards, with U = [α]× + [ω]×² and, on the right, ω, α and a of the frame before; first ω = α = 0 and a = -g:
+        Outwards, with U = [α]× + [ω]×², from ω, α, U and a of the frame before; for the base, ω = α = 0 and a = -g:
 
             ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
 
@@ -215,7 +215,7 @@ def _euler(inertia: Inertia, square: Inertia, motion: _Matrix, rising: Vector) -
 
 
 def joined(first: Body, second: Body) -> Body:
-    """Return one body that combines two bodies of the same frame."""
+    """Return two bodies as one rigid body; all three are given in the same frame."""
     inertia = Inertia(*(a + b for a, b in zip(first.inertia, second.inertia, strict=True)))
     return Body(first.mass + second.mass, _sum(first.moment, second.moment), inertia)
 

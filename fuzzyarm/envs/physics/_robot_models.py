@@ -261,7 +261,10 @@ class _Model:
         return [name for name in (*sites, *reversed(bodies)) if name]
 
     def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
-        """Return joint `name`'s values (`number` in MuJoCo), `given` or the model's; ValueError lists missing ones."""
+        """Return joint `name`'s values, `given` in the robot file or else the model's; ValueError lists missing ones.
+
+        `number` is the joint's number in MuJoCo.
+        """
         if given is None:
             raise ValueError(
                 f"the robot file gives it no drive, and a model no stiffness: add [joints.{name}] to the robot file"
@@ -308,7 +311,7 @@ def read_model(path: Path, fixed: Collection[str]) -> _Model:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a model without comments; ValueError if it is not Unicode, or MuJoCo would open more files."""
+    """Return the text of a model without comments; ValueError if it is not UTF-8 or includes other model files."""
     try:
         text = read_bytes(path, largest=_LARGEST_MODEL).decode("utf-8")
     except UnicodeDecodeError:

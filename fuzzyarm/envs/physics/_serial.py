@@ -148,7 +148,7 @@ class _Serial:
         return self.Plant(*(numbers[name] for name in self.structure.numbers))
 
     def constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> Any:
-        """Return the `Arm` of a plant and point masses [kg], `payload` at `place` and `tip_payload`; see `_bodies`."""
+        """Return the `Arm` of a plant that carries two point masses [kg]; the arguments are as for `_bodies`."""
         numbers = self._constants(plant, payload, place, tip_payload)
         motors = (_motor(plant, k) for k in range(1, self.joints + 1))
         return self.Arm(*(numbers[name] for name in self._link_constants), *itertools.chain(*motors))
@@ -169,7 +169,10 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links; the last carries `tip_payload`, and `payload` at `place` from 0 (its center) to 1 (tip)."""
+        """Return the links; the last carries two masses [kg], `tip_payload` at the tip and `payload` at `place`.
+
+        The place is from 0 (the link's mass center) to 1 (tip).
+        """
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
@@ -183,7 +186,7 @@ class _Serial:
         return bodies
 
     def _links(self, arm: Any) -> Chain:
-        """Return the frames and the regrouped links of an arm as a chain whose joint angles are not set."""
+        """Return the frames and links of an arm as a chain without joint angles; the links are `regrouped`."""
         joints = range(1, self.joints + 1)
         positions, tip = [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip")
         bodies = [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]

@@ -45,7 +45,7 @@ class Payload:
         checks.choice("payload at", self.at, _PLACES)
 
     def radius(self, parameters: ArmParameters) -> float:
-        """Return the distance of the mass from joint 2 [m] on a given arm."""
+        """Return the distance of the payload from joint 2 [m] on a given arm."""
         return parameters.length[1] if self.at == "tip" else parameters.mass_center[1]
 
 
@@ -201,7 +201,7 @@ def joint_torque(state: Any, arm: Any) -> Any:
 
 
 def motor_friction(state: Any, torque: Any, bias: Any, arm: Any) -> Any:
-    """Return the friction torques Γ_f [N m] of an arm's motors, given motor torques and added biases [N m]."""
+    """Return the friction torques Γ_f [N m] of an arm's motors, given motor torques and `bias` added to them [N m]."""
     joint = joint_torque(state, arm)
     return type(joint)(
         *(

@@ -1,6 +1,6 @@
-"""The equations of any arm, and those of the paper's two-joint arm.
+"""The equations of motion of any arm, and those of the paper's two-joint arm.
 
-The modules `dynamics`, `friction` and `integrator` define the latter. Elementwise source, see `elementwise`.
+The modules `dynamics`, `friction` and `integrator` define those of this arm. All are elementwise, see `elementwise`.
 """
 
 import functools

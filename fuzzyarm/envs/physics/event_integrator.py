@@ -117,7 +117,7 @@ class _ModePlant:
         self.force, self.parameters = force, parameters
 
     def joint_torque(self, joint: int, y: Sequence[float] | np.ndarray) -> float:
-        """Return Γ_t [N m] of one joint, equation (2)."""
+        """Return Γ_t [N m], equation (2), of `joint` 0 or 1 in the state y (8,)."""
         p = self.parameters
         bending, rate = y[_MOTOR + joint] - y[_LINK + joint], y[_MOTOR_VELOCITY + joint] - y[_LINK_VELOCITY + joint]
         return p.stiffness[joint] * bending + p.damping[joint] * rate

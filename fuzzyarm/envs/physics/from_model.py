@@ -57,7 +57,7 @@ def completed(
         tip: name of a link or site, or a point (3,) [m] in the last link's frame.
         given: values by joint and quantity, see `UNITS`; they take precedence over the model's values.
         like: name of a shipped robot, whose values are used where they are neither given nor in the model.
-        fixed: joints that stay at rest as in the model.
+        fixed: names of joints locked at their angles in the model.
 
     Raises:
         Lacking: values or the tip are missing.
@@ -94,7 +94,7 @@ def completed(
 
 
 def joints_of_model(path: Path, fixed: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the names of the moving joints of a model; errors as in `completed`."""
+    """Return the names of the moving joints of a model, without those `fixed`; errors as in `completed`."""
     return models.read_model(path, fixed).joints
 
 
@@ -118,7 +118,10 @@ def _sources(like: str | None) -> tuple[str, ...]:
 
 
 def _nearest(robot: Robot, limit: float | None) -> tuple[Joint, float]:
-    """Return the joint of torque limit nearest to `limit` [N m], and `limit` divided by it; for None the last and 1."""
+    """Return the joint whose torque limit is nearest to `limit` [N m], and `limit` divided by it.
+
+    For None, the last joint and 1.
+    """
     if limit is None:
         return robot.joints[-1], 1.0
     near = min(robot.joints, key=lambda joint: abs(math.log(joint.drive.torque_limit / limit)))

@@ -42,7 +42,7 @@ _Accelerations = Callable[[Any, Any], Any]
 def advanced(state: Any, torque: Any, at: Callable[[Any], _Accelerations], arm: Any, h: Any) -> Any:
     """Return the state of an arm with n joints one sub-step h [s] later under motor torques [N m]; see the module.
 
-    `at` returns the links' acceleration function at link angles [rad]; `arm` has the numbered fields of `Motor`.
+    `at` returns the links' acceleration function at link angles [rad]; `arm` has `Motor`'s fields, numbered by joint.
     """
     half = 0.5 * h
     motor, link = _drifted(state.motor, state.motor_velocity, half), _drifted(state.link, state.link_velocity, half)
@@ -65,7 +65,7 @@ def _kick(
 ) -> tuple[Any, Any, Any]:
     """Return the velocities of motors and links [rad/s] a duration [s] after `start`, and the motors' rotations [rad].
 
-    Accelerations are those in state `middle` under motor torques [N m]. `driven`: motors with their inverse inertias.
+    Accelerations are those in state `middle` under motor torques [N m]. `driven`: each `Motor` and 1 / its inertia.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
     links = accelerations(joint, middle.link_velocity)
