@@ -1,7 +1,6 @@
 """The tracking task at one instant: tip position, tip error, reward, and whether the episode terminates.
 
 Elementwise source, see `physics.elementwise`: the same code assesses one arm, a batch of arms, and tensors.
-`Termination` lists the reasons for a termination, the same in every back end.
 """
 
 import enum
@@ -122,7 +121,10 @@ def _distance(a: Any, b: Any) -> Any:
 
 
 def _deviation(tip: Any, target: Any) -> Any:
-    """Return the signed distance [m] of a tip from the curve: positive outwards for a circle, else along the normal."""
+    """Return the signed distance [m] of a tip from the reference curve.
+
+    It is positive outwards for a circle, else measured from the target along the normal.
+    """
     is_circle = 1.0 * (target.radius > 0.0)
     outwards = _distance(tip, target.center) - target.radius
     sideways = _total((x - y) * n for x, y, n in zip(tip, target.position, target.normal, strict=True))

@@ -58,7 +58,7 @@ def _flags(scalars: np.ndarray) -> np.ndarray:
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-    """Return `info` in SI units, from vectors of `Layout.each`, scalars (10, lanes) and their `_flags`, if known."""
+    """Return `info` in SI units from vectors of `Layout.each`, scalars (10, lanes) and, if known, their `_flags`."""
     clipped, _, terminated = _flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
@@ -90,7 +90,7 @@ def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _reasons(scalars: np.ndarray) -> dict[str, Any]:
-    """Return the info entry `reason`, masked, from the scalars (10, lanes); empty if no lane has terminated."""
+    """Return the info entry `reason` and its mask `_reason` from scalars (10, lanes); {} if no lane has terminated."""
     terminated = scalars[_REASON] != 0.0
     if not terminated.any():
         return {}
@@ -106,7 +106,7 @@ def _final_info(
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return the info entries `final_obs` and `final_info`, masked, of the lanes whose episodes `ended` (lanes,)."""
+    """Return `final_obs`, `final_info` and their masks for lanes that `ended` (lanes,); `drawn`: in `_partial_info`."""
     final_obs = np.empty(len(ended), dtype=object)  # filled with None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
@@ -134,8 +134,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     value for all lanes or a sequence with one per lane, and so may `case`, `disturbance`, `reference` and
-    `initial_state` in ``reset(options=...)``, which apply to the episodes that it begins. `threads` is the number of
-    threads that share a step (default: one per 1,024 lanes, at most one per core); results do not depend on it.
+    `initial_state` in ``reset(options=...)``, for the episodes that it begins. `threads` threads share a step (default:
+    one per 1,024 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, and where it contains None, the
     random stream of that lane continues. All lanes use the sub-step that the arm with the fastest mode needs.
@@ -307,7 +307,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._begun, self._over = True, over
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads that share a step."""
+        """End the threads that divide the lanes of a step among them."""
         self.lanes.close()
 
     def __setstate__(self, state: dict[str, Any]) -> None:

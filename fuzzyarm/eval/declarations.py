@@ -44,7 +44,7 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
 
 
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return those `named` that are neither user code among a file's `policies` nor the new path of a policy's file.
+    """Return the names in `named` that match none of a file's `policies`, as user code or as a policy file's new path.
 
     ValueError, with a message that begins with `place`, unless all user code among `policies` is `named`: a file alone
     does not permit it to run.

@@ -69,7 +69,7 @@ class Engine:
         """Yield (number, work(number)) for all numbers, in the order in which the results arrive.
 
         Workers know the cases, metrics and policies that were added by name in this process. Workers on this machine
-        import the user's modules that `work` needs from their folders; a Ray cluster gets a copy of them.
+        import the user's modules that `work` needs from their folders; a Ray cluster gets copies.
 
         Args:
             work: the function to run; it is pickled, and must give the same result in every worker.
@@ -111,7 +111,10 @@ class Engine:
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
-        """Context of joblib's backend, with `modules` on Ray; yields the number of workers and errors if one dies."""
+        """Context of joblib's backend; Ray's workers get copies of `modules`.
+
+        It yields the number of workers and the kinds of error if one dies.
+        """
         from joblib import parallel_config
 
         if self.backend == "local":

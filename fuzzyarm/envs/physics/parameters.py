@@ -64,8 +64,8 @@ class ArmParameters:
 
     Each pair is ``(joint 1, joint 2)``. `torque_limit` is not printed in the paper: 500 and 250 N m leave room
     above the 334 and 131 N m observed in the machining case. `joint_limit` and `velocity_limit` are
-    the box (25) on which the Takagi-Sugeno model is exact. A mass center may lie beyond the end of its link: a motion
-    determines only the product of mass and center, so fits can find such centers.
+    the box (25) on which the Takagi-Sugeno model is exact. A mass center may lie beyond the end of its link: fits find
+    only the product of center and mass.
 
     Raises:
         ValueError: a value is not finite, lies outside its range, or the mass matrix is not positive definite
@@ -150,7 +150,10 @@ class ArmParameters:
         return np.array(getattr(self, name))
 
     def with_drives(self, motor_inertia: _Pair | None = None, stiffness: _Pair | None = None) -> ArmParameters:
-        """Return the arm with other rotors [kg m²] and springs [N m/rad]; see `Robot.with_drives` for the links."""
+        """Return the arm with these rotor inertias [kg m²] and stiffnesses [N m/rad] (None: its own).
+
+        The links' inertias change as in `Robot.with_drives`.
+        """
         rotors, changed = motor_inertia or self.motor_inertia, stiffness or self.stiffness
         lighter1, lighter2 = (old - new for old, new in zip(self.motor_inertia, rotors, strict=True))
         inertia = self.inertia[0] + lighter1 - lighter2, self.inertia[1] + lighter2

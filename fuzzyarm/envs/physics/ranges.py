@@ -27,7 +27,7 @@ _Intervals = tuple[tuple[float, float], ...]
 
 @dataclasses.dataclass(frozen=True)
 class Ranges:
-    """Ranges (low, high) [kg m², N m/rad] of an arm's values, one per joint; () for exact values."""
+    """Ranges (low, high) of an arm's rotor inertias [kg m²] and stiffnesses [N m/rad], one per joint; (): none."""
 
     motor_inertia: _Intervals = ()
     stiffness: _Intervals = ()
@@ -46,7 +46,7 @@ class Ranges:
         return found
 
     def corners(self, arm: Any) -> dict[str, Any]:
-        """Return, by description, the arms with each quantity at the lower or upper end of its ranges in all joints.
+        """Return, by description, the arms at the ends of the ranges: each quantity low or high, alike in all joints.
 
         If a rotor's inertia changes, the link's inertia changes by the opposite amount, see `with_drives` of both kinds
         of arm. The mapping is empty if no range is given.

@@ -113,7 +113,7 @@ class Robot:
         return np.array([getattr(joint.drive, name) for joint in self.joints])
 
     def with_payload(self, mass: float, at: str = "tip") -> Robot:
-        """Return the robot with a point mass [kg] at its tip, or with ``at="link"`` at its last link's mass center."""
+        """Return the robot with a point mass [kg] at its "tip" or at the centre of mass of its last "link"."""
         carried, last = checks.real("payload mass", mass, "kg", low=0.0, high=LARGEST), self.joints[-1]
         link, places = last.link, {"tip": self.tip, "link": last.link.center}
         place = np.array(places[checks.choice("payload at", at, tuple(places))])

@@ -3,8 +3,8 @@
 The loads of the paper's cases are for its arm. `case_for` scales them for any other arm: the largest fraction of a
 motor's torque limit that the payload or the machining force takes along its default reference is, to two digits, that
 on the paper's arm along its circle; the force lasts as long as that reference. Where gravity has no leverage on the
-motors, as on a horizontal arm, the payload is the same fraction of the links' mass as in the paper. An arm with the
-paper's lengths and torque limits has the paper's loads. `with_loads` sets other loads.
+motors, as on a horizontal arm, the payload is the same fraction of the links' mass as in the paper. `with_loads` sets
+other loads.
 
 A `Scenario` is the reference of one episode and the disturbance that acts on the arm.
 """
@@ -106,7 +106,7 @@ def case_for(name: str, arm: AnyArm) -> Case:
 def with_loads(
     case: Case, *, force: tuple[float, float] | None = None, payload: float | None = None, duration: float | None = None
 ) -> Case:
-    """Return a case, and its title, with these loads in place of its own; loads that the case lacks are ignored.
+    """Return `case` with these loads and a title to match; None, or a load that the case lacks, changes nothing.
 
     Args:
         case: any case.
@@ -145,7 +145,7 @@ def _scaled(case: Case, robot: Robot) -> Case:
 
 @functools.lru_cache(maxsize=64)
 def _factors(robot: Robot) -> tuple[float, float]:
-    """Return the exact factors that scale the paper's tip forces and payloads to a robot."""
+    """Return the unrounded factors that scale the paper's tip forces (first) and payloads (second) to a robot."""
     paper = robot_of(ArmParameters())
     (along, down, _), (own_along, own_down, own_any) = _leverages(paper), _leverages(robot)
     has_weight = own_down > _WEIGHTLESS * own_any
@@ -154,7 +154,10 @@ def _factors(robot: Robot) -> tuple[float, float]:
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest share of a torque limit that 1 N at the tip takes: along the curve, gravity, any direction."""
+    """Return the largest share of a torque limit that 1 N at the tip takes.
+
+    Three numbers: for a force along the path, along gravity, and in any direction.
+    """
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))

@@ -6,10 +6,10 @@ planar robot in its plane; another robot in an upright plane that faces the base
 the base to the tip. The circle and the square begin and end at this tip, their lowest point; the lemniscate and the
 line have their middle there. Half of the path's width is the largest of `_SIZES` that the robot can follow while its
 last link keeps its orientation. The duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint
-turns at no more than half of its velocity limit, and every motor, on the rigid robot, needs no more than half of its
+turns at no more than half of its velocity limit, and every motor of the rigid robot needs no more than half of its
 torque limit.
 
-There are also families of references for domain randomisation, from which each episode draws one.
+For domain randomisation there are families of references; each episode draws one.
 """
 
 import dataclasses
@@ -65,7 +65,7 @@ def is_placed(reference: Reference) -> bool:
 
 
 def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
-    """Convert a reference of the two-joint arm in space into a reference in the plane of the arm."""
+    """Convert a motion of the two-joint arm as a `Robot`, on a path (x, y, z), into one of `arm` on a path (x, y)."""
     placed = reference.path
     assert isinstance(placed, Placed)
     parts = (tuple(getattr(placed, name)[:2]) for name in ("origin", "first", "second"))
@@ -75,7 +75,10 @@ def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
 
 @functools.lru_cache(maxsize=64)
 def _papers(robot: Robot, name: str) -> TipReference | None:
-    """Return the paper's motion along a named path; None if the robot cannot follow it or lacks `Robot.of`'s frames."""
+    """Return the paper's motion along a named path.
+
+    None: the robot cannot follow it, or is no two-joint arm with the frames of `Robot.of`.
+    """
     if len(robot) != len(ArmParameters().length):
         return None
     lengths = float(np.linalg.norm(robot.arrays.position[1])), float(np.linalg.norm(robot.arrays.tip))
@@ -130,7 +133,7 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def timed(slow: TipReference) -> TipReference:
-    """Return the motion `slow`, which lasts `LONGEST`, with the duration by the module's rule instead."""
+    """Return the motion `slow`, of duration `LONGEST`, with the duration that the module's rule gives instead."""
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 
@@ -222,8 +225,8 @@ def _tip_paths(parameters: ArmParameters, count: int, seed: int) -> tuple[JointR
     """Return `count` references of the two-joint arm along curves of the tip.
 
     Six of eight are circles, one a lemniscate and one a line. Rejection sampling draws a size of 5-20 % of the reach,
-    any center that keeps the curve at 30-92 % of the reach, any start angle and direction, and a peak tip speed of
-    0.4-2.2 reaches per second (a lemniscate passes its crossing up to 1.46 times faster).
+    any centre that keeps the curve at 30-92 % of the reach, any start angle and direction, and a nominal peak speed of
+    0.4-2.2 reaches per second (a lemniscate is up to 1.46 times as fast, at its crossing).
     """
     generator = np.random.default_rng(seed)
     reach = sum(parameters.length)

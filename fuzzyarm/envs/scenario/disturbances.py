@@ -35,7 +35,7 @@ class MachiningForce:
     """The force of Case 2, opposite to the direction of travel.
 
     F_e(t) = -f_e(t) v / max(|v|, v_0) with f_e(t) = base + swing sin(π t / duration): the paper's F_e = -f_e v/|v|,
-    faded out at rest. The paper prints only the range 138-218 N; the half sine over the 1.5 s is this project's choice.
+    faded out at rest. The paper prints only the range 138-218 N; the half sine is this project's choice.
 
     Attributes:
         base: force at both ends [N].
@@ -143,7 +143,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers as floats; if their count is not among `sizes`, the error's message asks for two."""
+    """Return real numbers as floats; if their count is not in `sizes`, a ValueError says that `name` must have two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 
@@ -156,7 +156,7 @@ def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, sto
 
 
 def _keep_interval(part: ConstantForce | TorqueBias) -> None:
-    """Check and keep the start and the stop of a disturbance [s]; the stop may be infinite."""
+    """Check a disturbance's start and stop [s] and store them in it as floats; the stop may be infinite."""
     name, start, stop = type(part).__name__, part.start, part.stop
     checks.keep(part, "start", checks.real(f"{name}.start", start, "s", low=0.0))
     if not (checks.is_real(stop) and stop > start):

@@ -1,8 +1,7 @@
 """The motor reference that makes the elastic arm's links follow a reference exactly, if it is known in advance.
 
 The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d). The joints provide it when deflected by δ =
-θ_d - q_d with B_t δ̇ + K_t δ = τ_d, equation (2). Its stationary solution, after the transient of the start, is, with b
-= B_t/K_t,
+θ_d - q_d with B_t δ̇ + K_t δ = τ_d, equation (2). Its solution after the transient of the start is, with b = B_t/K_t,
 
     δ(t) = 1/K_t ∫_0^∞ e⁻ˣ τ_d(t - b x) dx,      δ̇ = (τ_d - K_t δ)/B_t,      δ̈ = (τ̇_d - K_t δ̇)/B_t,
 
@@ -122,7 +121,10 @@ class ElasticReference:
         return relaxed
 
     def _by_panels(self, t: np.ndarray, corners: np.ndarray, time_constant: float) -> np.ndarray:
-        """Return the integral of `_relaxed` over x, (times, n); `corners` (times, corners): the x of corners of τ_d."""
+        """Return the integral of `_relaxed` (times, n) by panels of x that end at corners of τ_d.
+
+        `corners` (times, corners): for each time t, the x of the corners.
+        """
         inside = np.clip(corners, _PANELS[0], _PANELS[-1])  # a corner out of reach makes an empty panel
         edges = np.sort(np.concatenate([np.tile(_PANELS, (len(t), 1)), inside], axis=1), axis=1)
         nodes, weights = legendre.leggauss(_NODES)
@@ -134,7 +136,10 @@ class ElasticReference:
         return np.asarray(np.einsum("tpn,tpnj->tj", weight, torque) / np.sum(weight, axis=(1, 2))[:, np.newaxis])
 
     def _torque_rates(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return τ̇_d [N m/s] and τ̈_d [N m/s²], (times, n), from a polynomial through points between two corners."""
+        """Return τ̇_d [N m/s] and τ̈_d [N m/s²], (times, n), at times t [s].
+
+        They are derivatives of a polynomial through values of τ_d near t, with no corner in between.
+        """
         corners = np.concatenate([[-np.inf], self._corners, [np.inf]])
         piece = np.searchsorted(corners, t, side="right")
         reach = _REACH * self.duration

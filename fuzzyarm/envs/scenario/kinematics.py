@@ -8,9 +8,8 @@ The posture that puts the tip on a point p solves one square system of equations
 
     f(q, p) = (P (x(q) - p), O log(R(q) R_0ᵀ), Nᵀ (q - q_0)) = 0,        A = ∂f/∂q = (P J_v, O J_ω, Nᵀ)
 
-x and R are position of the tip and rotation of the last link. P projects on the directions in which the tip can move (a
-plane for a planar robot, else space), O on the axes about which the last link can turn (one for a planar robot, else
-three).
+x and R are position of the tip and rotation of the last link. P projects on the directions in which the tip can move
+(two for a planar robot, else three), O on the axes about which the last link can turn (one or three).
 
 - Orientation: if there are enough joints, the last link keeps its initial rotation R_0; otherwise, or if it may turn
   freely, O has no rows.
@@ -23,8 +22,8 @@ the joint limits:
 
     home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²),   half ranges at most π
 
-The `_IMPROVED` best of `_POSTURES` random postures are improved by a local search, and the best is rounded to
-`_ROUNDED` decimals, so that it is the same on every machine.
+A local search improves the `_IMPROVED` best of `_POSTURES` random postures. The best is rounded to `_ROUNDED` decimals,
+and thus the same on every machine.
 """
 
 import functools
@@ -138,12 +137,12 @@ class TipTask:
         self.frozen: np.ndarray = np.linalg.svd(rows)[2][len(rows) :]
 
     def residual(self, now: Frames, q: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Return f (..., n), in m and rad, at angles (..., n) for points (..., 3) [m]."""
+        """Return f(q, p) (..., n) [m, rad] at angles q (..., n), with frames `now`, for wanted tips p (..., 3) [m]."""
         turned = _rotation_vector(now.rotation[..., -1, :, :] @ self.rotation.T) @ self.turning.T
         return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
 
     def matrix(self, now: Frames) -> np.ndarray:
-        """Return the matrix A = ∂f/∂q (..., n, n) of the module."""
+        """Return the matrix A = ∂f/∂q (..., n, n) of the module's docstring in a posture with the frames `now`."""
         rows = self._moving(now)
         frozen = np.broadcast_to(self.frozen, (*rows.shape[:-2], *self.frozen.shape))
         return np.concatenate([rows, frozen], axis=-2)
@@ -168,7 +167,7 @@ class TipTask:
         return np.concatenate([*parts, np.zeros((*rate.shape[:-1], len(self.frozen)))], axis=-1)
 
     def sharpness(self, now: Frames) -> np.ndarray:
-        """Return the smallest singular value (...) of A, with lengths in reaches of the robot; 0 if A is singular."""
+        """Return A's smallest singular value (...), with lengths divided by the robot's reach; 0 if A is singular."""
         matrix = self.matrix(now)
         matrix[..., : len(self.motion), :] /= reach(self.robot)
         return np.asarray(np.linalg.svd(matrix, compute_uv=False)[..., -1])
@@ -234,7 +233,7 @@ _SINGULAR = 1e-300  # stands for a determinant of zero
 
 @functools.lru_cache(maxsize=64)
 def home_posture(robot: Robot) -> tuple[float, ...]:
-    """Return the default first posture (n,) [rad] of a robot, by the rule of the module."""
+    """Return a robot's default initial posture (n,) [rad], by the rule in the module's docstring."""
     from scipy.optimize import minimize  # SciPy is only needed here
 
     low, high = angle_ranges(robot)

@@ -44,7 +44,7 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
 
 
 def time_law(x: Any, duration: float) -> tuple[Any, Any, Any]:
-    """Return s, ṡ [1/s] and s̈ [1/s²] of `quintic_time_law` at fractions x, of any number type, of the duration [s]."""
+    """Return s, ṡ [1/s] and s̈ [1/s²] of `quintic_time_law` at x = t/duration in [0, 1]; x may have any number type."""
     s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
     ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
     dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
@@ -171,7 +171,7 @@ class PathReference(Reference):
 class JointReference(PathReference):
     """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
 
-    All derivatives are analytic. Before t = 0 and after t = T the arm rests at the ends of the path.
+    All derivatives are analytic.
 
     Attributes:
         path: tip curve (`paths`).

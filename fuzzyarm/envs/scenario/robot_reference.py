@@ -5,8 +5,7 @@ Along a path of the tip, by inverse kinematics, with f, A and the projection P o
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
 The branch is followed once, in steps of s; then Newton's method corrects an interpolation to the last digit, so that
-every value depends only on its t. Along a spline c of the joint angles through given postures, which is twice
-continuously differentiable and leads from rest to rest,
+every value depends only on its t. Along a twice continuously differentiable spline c through given postures,
 
     q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
 """
@@ -168,7 +167,7 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _followed(self) -> CubicHermiteSpline:
-        """A spline of the joint angles [rad] in s: found from step to step of `_STEPS`, then refined at `_NODES`."""
+        """A spline in s of the joint angles [rad], found at `_STEPS` one after the other, then refined at `_NODES`."""
         from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
 
         points, tangents, _ = self.path.points(_STEPS)
@@ -251,7 +250,10 @@ class TipReference(PathReference):
 
 
 def _upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
-    """Return upward unit normals (..., 3) of a curve with these tangents (..., 3); where it is vertical, towards x."""
+    """Return unit normals (..., 3) of a curve with these tangents (..., 3), upwards against the robot's gravity.
+
+    Where the curve is vertical, they are sideways, along x or y.
+    """
     up = upwards(robot)
     aside = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     along_curve = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
@@ -276,7 +278,7 @@ class SplineReference(Reference):
 
     Attributes:
         waypoints: two or more postures of n angles [rad] each (any sequence or array of shape (k, n)); two give a
-            straight line in the space of the joints. s is proportional to the summed distances between them.
+            straight line in joint space. At each posture, the path parameter s is proportional to the distance so far.
         duration: T [s], 1e-6 to 1e6.
         robot: the robot.
 

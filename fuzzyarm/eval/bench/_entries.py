@@ -1,7 +1,7 @@
-"""Entries of the speed table: this project's environments, sweeps with and without a kernel, and their peers.
+"""Entries of the speed table: this project's environments, its sweeps in one kernel or step by step, and their peers.
 
-A step is a control step with observation, reward and due resets, under actions drawn beforehand. The peers are the
-most similar environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
+A step is a control step with observation, reward and any reset that is due, under actions drawn beforehand. The peers
+are the most similar environments of Gymnasium and EnvPool, and the same arm in MuJoCo.
 """
 
 import contextlib
@@ -53,7 +53,7 @@ class Entry:
 
     `open` returns a context that builds and frees the environment and yields the measuring function; entering raises
     one of `UNAVAILABLE` if the entry cannot run. `tip_error` returns the largest distance [m] of the tip from the event
-    integrator's in the nominal case, with computed torque in the loop; None where it is not defined.
+    integrator's in the nominal case under computed torque; None where it is not defined.
     """
 
     name: str
@@ -76,9 +76,9 @@ def single_entries() -> list[Entry]:
 
 
 def batch_entries(lanes: int, threads: int) -> list[Entry]:
-    """Return the entries with batches of `lanes` environments on at most `threads` threads: ours, in torch, and peers.
+    """Return the entries that step `lanes` environments as a batch, on at most `threads` threads.
 
-    Torch is measured from 4096 lanes on, peers up to 4096 lanes.
+    They are ours, ours in torch (from 4096 lanes on), and peers (up to 4096 lanes).
     """
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many threads as help
     own = functools.partial(_batch, lanes, used)
@@ -155,7 +155,7 @@ def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: f
 
 @contextlib.contextmanager
 def _single_environment(name: str, scale: float) -> Iterator[Measure]:
-    """Open an environment of Gymnasium's registry; actions are drawn from its action space times the factor `scale`."""
+    """Open an environment and yield its measuring function; random actions fill its action space times `scale`."""
     with contextlib.closing(gym.make(name)) as env:
         actions = list(_draw_actions(env.action_space, 64, (), scale))
         env.reset(seed=0)

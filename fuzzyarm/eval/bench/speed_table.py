@@ -1,4 +1,4 @@
-"""The table of `fuzzyarm bench` and its notes, and the figure of --lanes-sweep: throughput over the number of lanes."""
+"""The table of `fuzzyarm bench` and its notes, and the figure of --lanes-sweep: throughput by number of lanes."""
 
 import itertools
 import math

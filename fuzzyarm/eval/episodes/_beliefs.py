@@ -4,8 +4,8 @@ A policy has beliefs if it has a method ``beliefs(state)``. Each of these attrib
 and is kept only with its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes) [N], ``payload``
 (...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, a mapping to (..., n).
 
-The object may also have ``diverged``, true once the estimate has diverged; ``at_end``, which maps the name of an
-estimate to whether it is at a limit of its range; and ``other_path``, true once the path deviates from the last one.
+It may also have ``diverged``, true once the estimate has diverged; ``at_end``, which maps the name of an estimate to
+whether it is at a limit of its range; and ``other_path``, true once the path deviates from the last one.
 """
 
 from typing import Any
@@ -41,7 +41,10 @@ class Believing:
         self._at_last: list[str] = []  # the estimates at an end of their range in the last sample before a divergence
 
     def note(self, control_period: float) -> str:
-        """Return text on the events so far: a path unlike the last, a divergence, estimates at ends of their ranges."""
+        """Return text on the events so far: a path unlike the last pass, a divergence, estimates that reached a limit.
+
+        Their times are in s, as is the control period.
+        """
         at = {name: f"{sample * control_period:.3f} s" for name, sample in (self._first | self._ends).items()}
         said = [text.format(at[name]) for name, text in _EVENTS.items() if name in self._first]
         ends = [

@@ -1,8 +1,7 @@
 """Tip errors of many episodes in one kernel, which computes the law, the torque limits, the delay and the plant.
 
-The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, in the same order and with the same bits. A group of
-lanes does all its steps before the next group begins, so that its data stay in the cache. The policy must have a
-`fuzzy_policy.law`.
+The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, bit for bit. A group of lanes does all its steps before
+the next group begins, so that its data stay in the cache. The policy must have a `fuzzy_policy.law`.
 """
 
 import functools
@@ -55,8 +54,8 @@ class _Scalars(NamedTuple):
 def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
     """Run the episodes that have just begun in all lanes to their ends and return their tip errors.
 
-    `lanes` is not changed. `observation` (lanes, 5 n) is the first reading of the law's policy. The result is None if a
-    torque was not finite; `loop.episodes` refuses such a torque with an error.
+    `lanes` is not changed. `observation` (lanes, 5 n) is the first reading of the law's policy. None: a torque was not
+    finite, which `loop.episodes` refuses with an error.
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None
@@ -92,9 +91,10 @@ def _kernel_of(
     depth: int,
     scaled: bool,
 ) -> Kernel:
-    """Return the kernel of arms of `layout` under a law, given by its parts; delays are less than `depth` steps.
+    """Return the kernel of arms of `layout` under a law; delays are less than `depth` steps.
 
-    `scaled`: whether encoder noise has a factor, see `Channel`.
+    `act`, `memory` and `constants` are as in `Law`, `tables` the shapes of its tables; `integral_at`: where integrals
+    begin in the memory, or None; `scaled`: whether encoder noise has a factor, see `Channel`.
     """
     physics = layout.physics
     PerJoint, joints = physics.PerJoint, physics.joints

@@ -53,7 +53,7 @@ def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
 
 
 def npz_bytes(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
-    """Return arrays by name as the content of a NPZ file; nothing is pickled."""
+    """Return arrays by name as the content of an NPZ file; nothing is pickled."""
     content, save = io.BytesIO(), np.savez_compressed if compressed else np.savez
     save(content, allow_pickle=False, **arrays)
     return content.getvalue()
@@ -77,7 +77,7 @@ def read_rollouts(path: Path) -> list[Rollout]:
 
 
 def _array(run: Rollout, name: str) -> np.ndarray:
-    """Return the field `name` as an array, of strings for `belief_names` even if there are none."""
+    """Return a rollout's field `name` as an array; `belief_names` gives an array of strings even if it is empty."""
     return np.asarray(getattr(run, name), dtype=np.str_ if name == "belief_names" else None)
 
 

@@ -1,1 +1,1 @@
-"""Evaluation of policies: runs in the cases, tables, figures, files and ranking."""
+"""Evaluation of policies: episodes of the test cases, their tables, figures and files, and a ranking."""

@@ -258,7 +258,7 @@ def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "
 
 
 def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Figure:
-    """Return the figure of the tip's paths p of the policies, drawn as r + factor (p - r), and of the reference r."""
+    """Return the figure of the reference r and each policy's tip path p, whose deviation p - r is drawn magnified."""
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.subplots()
     view = _view_of(_longest(episodes).tip_reference)

@@ -2,8 +2,8 @@
 
 The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know the next load
 must allow for it. Over several seeds the score is the interquartile mean of the seeds' errors, with a bootstrap
-interval of 95 % (`_statistics`). Smaller is better. A policy that lost the path in any episode, see `metrics.is_lost`,
-has no score. Such policies rank last, ordered by the number of episodes in which they lost it.
+interval of 95 % (`_statistics`). Smaller is better. Policies that lost the path, see `metrics.is_lost`, have no score
+and rank last, ordered by the number of episodes in which they lost it.
 
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
 """
@@ -35,7 +35,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """The result of one policy in one file."""
+    """The result of one policy in one results file."""
 
     policy: str  # its label
     source: str  # the file that contains it

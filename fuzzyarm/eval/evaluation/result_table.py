@@ -86,7 +86,7 @@ def print_results(evaluation: Evaluation, console: Console) -> None:
 
 
 def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
-    """Return by policy a cell with the rms and largest tip error in one case; `group` has the rows by policy."""
+    """Return each policy's cell with its rms and largest tip error in one case; `group` has the rows by policy."""
     lost = {policy: sum(map(is_lost, runs)) for policy, runs in group.items()}
     rms, largest = (
         {policy: float(median(run[f"tip_error_{kind}_mm"] for run in runs)) for policy, runs in group.items()}
@@ -104,7 +104,10 @@ def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
 
 
 def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
-    """Return by policy the tip bound [mm] stored for its files, if any; {} unless arm and circle are the paper's."""
+    """Return, by policy, the tip bound [mm] that was proven for the same policy files, if there is one.
+
+    {} unless arm, path and control period are those of the proof.
+    """
     config, files = evaluation.config, evaluation.made_with["policy_files"]
     if config.arm != ArmParameters() or (config.path, config.points, config.control_period) != ("circle", None, 1e-3):
         return {}
@@ -114,7 +117,10 @@ def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
 
 
 def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[str, dict[str, Any] | None]) -> list[str]:
-    """Return a line per certified policy, void if `bounds` is None, with the command to show it; then the others."""
+    """Return a line for each policy with a certificate, with the command to show it, then one on the policies without.
+
+    If a policy's entry of `bounds` is None, its certificate is void along the path.
+    """
     lines = []
     for policy, numbers in bounds.items():
         if numbers is not None:

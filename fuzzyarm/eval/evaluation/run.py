@@ -89,7 +89,7 @@ class EvaluationConfig:
 
     @property
     def arm(self) -> AnyArm:
-        """The robot, or the two-joint arm."""
+        """The arm that is evaluated: the robot, or else the two-joint arm."""
         return self.parameters if self.robot is None else self.robot
 
     @property
@@ -116,7 +116,10 @@ class EvaluationConfig:
         return default_reference(self.arm, self.path) if self.points is None else self.points.reference(self.arm)
 
     def case(self, name: str, duration: float | None) -> Case:
-        """Return a case with the loads for this arm, for a motion of this duration [s]; None: the case's own."""
+        """Return the case `name` for this arm; `force` and `payload`, if set, replace its loads.
+
+        Its machining force, if scaled, lasts `duration` [s]; None: as long as in the case.
+        """
         case = case_for(name, self.arm)
         if (self.force, self.payload) == (None, None) and (duration is None or not case.scales):
             return case

@@ -1,8 +1,8 @@
 """All numbers of the paper that are compared with ours.
 
-``claims.json`` contains the paper's values, the tolerances for drift of ours, and the reasons for differences, with
-measured numbers. Its groups are ``statements`` (the reference, the cases, the inequalities and the gains), ``table_2``
-(the size of the design problem by number of rules) and ``rollouts`` (the three cases).
+``claims.json`` contains the paper's values, the tolerances within which ours may drift, and the reasons for
+differences, with our measurements. Its groups are ``statements`` (the reference, the cases, the inequalities and the
+gains), ``table_2`` (the size of the design problem by number of rules) and ``rollouts`` (the three cases).
 """
 
 import dataclasses
@@ -22,10 +22,9 @@ class PaperNumber:
     """A number of the paper, or several numbers of one kind.
 
     Our value may drift from the stored one by relative * |stored| + absolute. Numbers that need no simulation agree on
-    all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: if
-    the gains change by a relative 1e-6, the most sensitive number, from the episode that leaves the box (25), changes
-    by a relative 1e-4 and most others by less than 1e-5. Their relative tolerance is 1e-3, and lengths also have an
-    absolute tolerance of a micrometre. The bisection of γ stops at 1 %, so its relative tolerance is 0.02.
+    all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: a
+    change of the gains by a relative 1e-6 changes them by up to 1e-4, most by less than 1e-5. Their relative tolerance
+    is 1e-3, and lengths also have an absolute one of a micrometre. The bisection of γ stops at 1 %; it has 0.02.
     """
 
     key: str  # name of the claim in the files

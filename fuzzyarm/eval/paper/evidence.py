@@ -89,8 +89,8 @@ class Evidence:
     """The data behind the claims, and their measures: methods that return values by label.
 
     A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
-    controller. For the L of each of two others, `smallest_gamma` has the smallest γ, to 1 %, at which the controller
-    "printed-4" is proven with that L and its own P, Q, X, τ and M. With its own L it is proven at γ = 1000.
+    controller. `smallest_gamma` has the smallest γ, to 1 %, at which the controller "printed-4" is proven with its own
+    P, Q, X, τ and M and the feedforward gains L of each of two others. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion
@@ -128,7 +128,7 @@ class Evidence:
         return {f"joint {number}": float(value) for number, value in enumerate(np.abs(torque).max(axis=0), start=1)}
 
     def force_range(self) -> dict[str, float]:
-        """Return the smallest and the largest machining force f_e [N] over the motion, at a tip speed of 1 m/s."""
+        """Return the "smallest" and "largest" machining force f_e [N] over the motion, at a tip speed of 1 m/s."""
         force, time = CASES["machining"].disturbance.tip_force or MachiningForce(), self._time
         size = np.linalg.norm(force.at(time, np.tile([1.0, 0.0], (len(time), 1))), axis=-1)
         return {"smallest": float(size.min()), "largest": float(size.max())}
@@ -142,17 +142,17 @@ class Evidence:
     # Measures of the inequalities and of their solutions.
 
     def fewest_rules(self) -> dict[str, float]:
-        """Return by label the fewest rules for which Theorem 2 is proven (0: none), and the number of proven files."""
+        """Return the "fewest rules" for which Theorem 2 is proven (0: none), and the number of proven files."""
         proven = [self.witnesses[name].model.rules for name in _WITNESSES if name in self.proven]
         return {"fewest rules": min(proven, default=0), f"proven of {len(_WITNESSES)} witnesses": len(proven)}
 
     def unbounded_gain(self) -> dict[str, float]:
-        """Return the largest |entry| of K of the design without the bound (24) by "4 rules"; 0 if it is not proven."""
+        """Return, for "4 rules", the largest |entry| of K of the design without the bound (24); 0 if it is unproven."""
         proven = _HIGH_GAIN in self.proven
         return {"4 rules": _peak(self.witnesses[_HIGH_GAIN].gains[..., ts_model.PLANT]) if proven else 0.0}
 
     def bounded_M(self) -> dict[str, float]:
-        """Return by printed form the largest norm |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
+        """Return, by printed controller, the largest norm |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
         result = {}
         for key, controller in self._printed.items():
             gains = controller.gains
@@ -161,19 +161,19 @@ class Evidence:
         return result
 
     def largest_gain(self, columns: str) -> dict[str, float]:
-        """Return by printed form the largest |entry| of [K H] in `columns`: POSITION, VELOCITY or INTEGRAL."""
+        """Return, by printed controller, the largest |entry| of [K H] in `columns`: POSITION, VELOCITY or INTEGRAL."""
         return {key: _peak(one.gains[..., getattr(ts_model, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:
-        """Return by controller the largest |entry| of L: in the printed forms, and in "printed-4-swapped"."""
+        """Return the largest |entry| of L of the printed controllers and "printed-4-swapped", which has another L."""
         return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, _SWAPPED)}
 
     def gamma_with(self) -> Mapping[str, float]:
-        """Return the smallest γ [1] at which the printed form is proven with another L, by the source of that L."""
+        """Return the smallest γ [1] at which "printed-4" is proven with another L, for each of two such L."""
         return self.smallest_gamma
 
     def decay_rate(self) -> dict[str, float]:
-        """Return α [1/s]; it is proven, since `load_policy` refuses unproven controllers."""
+        """Return α [1/s] of each loaded controller; it is proven, since `load_policy` refuses unproven controllers."""
         return {key: self.controllers[key].alpha for key in _SOURCES}
 
     def weight(self) -> dict[str, float]:
@@ -185,7 +185,7 @@ class Evidence:
     def size(self, entry: str, of: str) -> dict[str, float]:
         """Return N_var or N_row, the field `entry` of `Size`, by number of rules: 32, 16, 8 and 4.
 
-        `of` selects the formula of Remark 4 or the printed theorem without integral action (1 for 32 rules, else 2).
+        `of`: "formula", of Remark 4, or "theorem", the printed Theorem 1 (32 rules) or 2, without integral action.
         """
         sizes = {}
         for rules in (32, 16, 8, 4):
@@ -200,17 +200,20 @@ class Evidence:
     # Measures of the rollouts.
 
     def circularity(self, case: str, side: str, end: str) -> dict[str, float]:
-        """Return the "inmost", "outmost" or "largest" circularity error [mm] by controller; `side` is tip or motors."""
+        """Return the circularity error [mm] of each controller; `side` is "tip" or "motors".
+
+        `end`: "inmost" (most negative), "outmost" (most positive) or "largest" (in size).
+        """
         ends: Mapping[str, Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}
         return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
 
     def worst_case(self, side: str) -> dict[str, float]:
-        """Return by controller the largest circularity error in Case 2 over that in Case 3; `side` is tip or motors."""
+        """Return, by controller, the ratio of largest circularity errors in Cases 2 and 3; `side`: tip or motors."""
         second, third = (self.circularity(case, side, "largest") for case in ("machining", "payload"))
         return {key: second[key] / third[key] for key in TITLES}
 
     def rule_difference(self) -> dict[str, float]:
-        """Return by form and case the largest difference [mm] over time in tip circularity error, 32 less 4 rules."""
+        """Return, by form and case, the largest gap [mm] over time between tip circularity errors of 32 and 4 rules."""
         result = {}
         for form in FORMS:
             for number, case in enumerate(PAPER_CASES, start=1):
@@ -228,7 +231,7 @@ class Evidence:
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:
-        """Return the torque L_hv r of joint 1 at t = 0, when the arm is at rest on the reference [N m]."""
+        """Return, by controller, the torque L_hv r of joint 1 [N m] at t = 0, when the arm rests on the reference."""
         motion = self.reference.sample(0.0)
         at_rest = np.concatenate([motion.q, motion.dq, *motion])[np.newaxis]
         torques = {}
