@@ -1,4 +1,4 @@
-"""The provenance that makes a result reproducible, and results documents as text."""
+"""The provenance that makes a result reproducible, and the JSON text of a document of results."""
 
 import datetime
 import json

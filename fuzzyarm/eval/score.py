@@ -184,7 +184,7 @@ def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) ->
 
 
 def print_scores(document: Mapping[str, Any], console: Console) -> None:
-    """Print the document of `scores` as a table, and for several policies the mean and the worst N."""
+    """Print the document of `scores` as a table, and for several policies their mean and their lowest score N."""
     table = []
     for name, one in [*document["policies"].items(), *document["anchors"].items()]:
         rms = (f"{value:.3g}" for value in one["rms_mm"].values())

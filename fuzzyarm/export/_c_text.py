@@ -43,7 +43,7 @@ LARGEST = 1e6
 
 
 class _Function(NamedTuple):
-    """A C function of the exported program, from numbers to numbers."""
+    """A C function of the exported program, whose arguments and results are single numbers."""
 
     name: str  # in the program
     program: Program  # its ports are the arguments and the results
@@ -59,7 +59,10 @@ class _Program(Program):
         super().__init__(*given)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Record the call of a function marked `apart` and return its results, constants for constant arguments."""
+        """Record the call of a function marked `apart` and return its results.
+
+        If all arguments are constants, so are the results.
+        """
         numbers = [self._real(one) for one in flat(arguments)]
         if not any(isinstance(one, Symbol) for one in numbers):
             return function(*arguments)
@@ -97,8 +100,8 @@ def _named(name: str, tree: Any) -> list[str]:
 class Recorded(_Program):
     """The program of a control step of a policy or a plant: ``step(given, memory, *tables)`` returns memory and result.
 
-    The ports are the memory, the inputs and the result; those of a policy are the observation and the torques of all
-    motors [N m].
+    The ports are the memory, the inputs `given` and the result. The input of a policy is the observation, its result
+    the torques of all motors [N m].
     """
 
     def __init__(
@@ -346,7 +349,10 @@ class _Uses:
         return [need for value, where in self._stored[memory] for need in ((value, where), *self._decided(where))]
 
     def _decided(self, region: Region | None) -> list[tuple[Any, Region | None]]:
-        """Return (condition, None) for each condition under which a region is run; None: its C text must be a name."""
+        """Return (condition, None) for each condition that decides whether a region is run.
+
+        None, as in `regions`, says that the C text of the condition must be a name.
+        """
         if region is None:
             return []
         own: list[tuple[Any, Region | None]] = [(self._conditions[region], None)] if region in self._conditions else []
@@ -438,7 +444,7 @@ class _CWriter:
         return [f"{indent}const {self._kind(one)} {name} = {text};"]
 
     def _call(self, one: Symbol, indent: str) -> list[str]:
-        """Return the C lines of the call with `one` among several results; empty if this call was written before."""
+        """Return the C lines of the call whose several results include `one`; empty if it was written before."""
         function, number = one.detail
         texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
         key = (function.name, one.region, *texts)

@@ -6,7 +6,7 @@ Let σ_j be the direction of motor j, or 0 if it sticks (Filippov). With u held 
 
 with motor torques u, joint torques Γ_t, viscous friction f_v and dry friction F; a motor sticks while
 |u - Γ_t| <= F(0). At each sample the clock is reset, and u becomes the output of the law, which is in a separate file.
-The equations come from running the package's plant functions on text, not a copy of them.
+The equations are what the package's plant functions return for texts in place of numbers.
 """
 
 from __future__ import annotations
@@ -146,7 +146,10 @@ def _xml(problem: Problem, constants: list[str]) -> str:
 
 
 def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[str], Any]:
-    """Return as text the motors' net torques u - Γ_t, static frictions F(0), and derivatives as a function of modes."""
+    """Return as text the motors' net torques u - Γ_t and static frictions F(0), and a function of the motors' modes.
+
+    The function returns the time derivatives by variable.
+    """
     assert isinstance(problem.parameters, ArmParameters)
     plant, factors = dynamics.plant_of(problem.parameters), {name: _Text(name) for name in constants}
     for field, names in _FACTORS.items():
@@ -176,7 +179,7 @@ def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[
 
 
 def _configuration(start: np.ndarray, box: StartBox, ranges: dict[str, tuple[float, float]]) -> str:
-    """Return the text of the configuration file: the box of initial states and the ranges of the constants."""
+    """Return the configuration file's text: the box of initial states around `start` and the constants' ranges."""
     held = ["s == 0 & u1 == law1 & u2 == law2"]
     for j in range(JOINTS):
         n, (th, q, dth, dq) = j + 1, start[j::JOINTS].tolist()

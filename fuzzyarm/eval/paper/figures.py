@@ -133,7 +133,10 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
 
 
 def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signal: Callable[..., Any]) -> Figure:
-    """Return one of Figs. 7-10, with a row for each number of rules."""
+    """Return one of Figs. 7-10, with a row for each number of rules and a column for each of `FORMS`.
+
+    `signal` returns the curves (samples, joints) of a rollout; `label` is for their axis.
+    """
     stated = tuple(zip(_BANDS, _STATED.get(number, ()), strict=False))
     figure, grid = _grid(number, title, (9.2, 5.0), len(RULES), sharey="col" if number == _OWN_SCALES else "all")
     for row, rules in zip(grid, RULES, strict=True):
@@ -153,7 +156,7 @@ def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signa
 
 
 def _grid(number: int, title: str, size: tuple[float, float], rows: int, **shared: Any) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes (rows, forms), with the titles of the columns."""
+    """Return Fig. `number` and axes (rows, columns), a titled column for each of `FORMS`; `subplots` takes `shared`."""
     two_scales = ", each column to its own scale" if shared.get("sharey") == "col" else ""
     figure = Figure(figsize=size)
     figure.suptitle(f"Fig. {number}: {title}{two_scales}", x=0.01, ha="left", fontweight="bold")

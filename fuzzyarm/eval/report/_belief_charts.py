@@ -120,7 +120,10 @@ def _table(run: Rollout, loads: Disturbance) -> str:
 
 
 def _truth(part: str, loads: Disturbance, time: float) -> str:
-    """Return as text the true value of the estimate `part` at a time [s] under these loads, on the policy's own arm."""
+    """Return as text the true value of the estimate `part` at a time [s] under these loads.
+
+    The simulated arm is the one that the policy knows.
+    """
     if part == "payload":
         return f"{loads.payload.mass:g}"
     if part == "offset" and loads.torque_bias is not None:

@@ -24,7 +24,7 @@ _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 def replay_data(stored: Evaluation) -> dict[str, Any]:
     """Return policies, arm, cases and the runs of the first seed, as plain data for JSON.
 
-    Arrays are base64 of little-endian float32. With ``stride`` k, every k-th sample and the last are embedded.
+    Arrays are base64 of little-endian float32. They contain every k-th sample and the last, k = ``stride``.
     """
     seeds: dict[str, dict[str, list[Rollout]]] = {case: {} for case in stored.config.cases}
     for run in stored.rollouts:

@@ -38,8 +38,8 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
     """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes from the files `bounds`.
 
     Raises:
-        ValueError: the folder has no evaluation, or a damaged or mixed one, or a bound is not proven or belongs to no
-            episode of the evaluation; nothing is written.
+        ValueError: the folder has no evaluation, or files that are damaged or from several evaluations, or a bound is
+            not proven or belongs to no episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
     out, stored = path_of("out", out), read_evaluation(path_of("folder", folder))

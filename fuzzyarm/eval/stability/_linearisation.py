@@ -6,8 +6,8 @@ equilibrium is found by Newton's method.
 The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an observer, is
 linearised without that model, see ``Policy.without_dry_friction()``.
 
-The result is local, at frozen postures and without dry friction. It compares policies and proves nothing about the
-moving arm; proofs, with their own margins, are in `fuzzyarm.proof`.
+The result is local. It compares policies and proves nothing about the moving arm; proofs, with their own margins, are
+in `fuzzyarm.proof`.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -15,7 +15,7 @@ control period is
     x⁺ = A x + B u_(k-d),    u = κ (D x + C s),    s⁺ = G x + F s,
 
 where κ is a factor on the loop gain and d are extra samples of delay (0: the torque computed from the sample at t_k
-acts from t_k). Between samples, d = m + 1/2, the torque changes in the middle of the period; with the map A_h, B_h of
+acts from t_k). If d = m + 1/2 with a whole m, the torque changes in the middle of the period; with the map A_h, B_h of
 half a period
 
     x⁺ = A_h (A_h x + B_h u_(k-m-1)) + B_h u_(k-m).
@@ -137,7 +137,7 @@ _NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture belongs to a
 
 
 class Linearisable(Predictor, Protocol):
-    """An object that can be linearised: a `Policy`, or one with these two methods."""
+    """An object that can be linearised: a `Policy`, or any other with `predict` and `without_dry_friction`."""
 
     def without_dry_friction(self) -> Predictor:
         """Return the policy for an arm without dry friction."""
@@ -149,7 +149,8 @@ def linearise_path(
 ) -> list[LocalLoop]:
     """Return the loops of a policy at `POSTURES` instants of the default reference of the arm `parameters`.
 
-    `predict` takes batches. The plant carries `payload`, by default nothing; the control period is in s.
+    The policy's `predict` must accept batches. The plant carries `payload`, by default nothing; the control period is
+    in s.
 
     Raises:
         TypeError: the policy's state is neither an array nor None, or its torque is not in double precision.
@@ -259,7 +260,10 @@ class _FrozenArm:
         self.q_motor, self.dq_motor = at.motor, at.motor_velocity
 
     def start(self) -> np.ndarray:
-        """Return a first guess: the arm at the posture, the memory after one call; `settled` if a torque is clipped."""
+        """Return a first guess: the arm at the posture, the memory after one call.
+
+        If a torque is clipped there, the guess is `settled` from it.
+        """
         posture = self.reference[: self.joints]
         plant = np.concatenate([posture, posture, np.zeros(self.states - 2 * self.joints)])
         point = np.append(plant, self._act(plant[np.newaxis])[0, self.next_memory])
@@ -267,13 +271,16 @@ class _FrozenArm:
         return self.settled(point, _SETTLING) if clipped else point  # a clipped torque has no slope
 
     def settled(self, point: np.ndarray, periods: int) -> np.ndarray:
-        """Return the point that the loop reaches after a number of control periods."""
+        """Return the point that the loop reaches from `point` in a number of control periods."""
         for _ in range(periods):
             point = self.advance(point)
         return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
-        """Return the loop at `point`, its half-period map nan, and a mask of the entries of `point` that it keeps."""
+        """Return the loop at `point`, and a mask of the entries of `point` that are its states.
+
+        The loop's `half_plant` is nan.
+        """
         torque = self._act(point[np.newaxis])[0, self.torque]
         plant = self.plant_over(self.period, point, torque)
         memory = point[self.memory]
@@ -305,7 +312,10 @@ class _FrozenArm:
         return self._act(np.tile(point, (len(moved), 1)), steps)
 
     def _act(self, points: np.ndarray, moved: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return torques and next memory (lanes, r + m) at points; points without memory begin an episode."""
+        """Return torques and next memory (lanes, r + m) at points (lanes, n + m).
+
+        Points without memory (lanes, n) begin an episode; `moved` (lanes, 3 r) shifts the held reference.
+        """
         reference = np.tile(self.reference, (len(points), 1)) + moved
         observation = np.hstack([points[:, self.q_motor], points[:, self.dq_motor], reference])
         memory = points[:, self.memory] if points.shape[1] > self.states else None
@@ -338,14 +348,8 @@ def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray
 def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) -> str | None:
     """Return a line on a policy if a motor is often at its torque limit or its loop is unstable at rest, else None.
 
-    The loop is linearised at rest, in postures of the arm's default path.
-
-    Args:
-        name: name of the policy.
-        policy: the policy to linearise.
-        arm: plant and model of the policy.
-        period: control period [s].
-        share: share of the steps with a motor at its torque limit [1].
+    The loop is linearised at rest, in postures of the default path of `arm`, plant and model of the policy. `period` is
+    the control period [s], `share` [1] that of the steps with a motor at its torque limit.
     """
     limited = f"a motor is at its torque limit in {100.0 * share:.0f} % of the steps; " if share > _LONG else ""
     try:

@@ -156,7 +156,7 @@ def linear_models(policy: Linearisable, arm: AnyArm, control_period: float, post
         policy: an object that can be linearised, such as `load_policy` returns, for this arm and control period.
         arm: plant and model of the policy.
         control_period: time between two torques [s].
-        posture: joint angles (r,) [rad], within their limits; None: where the arm's default path begins.
+        posture: angle of each joint [rad], within its limits; None: where the arm's default path begins.
 
     Raises:
         TypeError: the policy's state is not an array, or its torque is not in double precision.

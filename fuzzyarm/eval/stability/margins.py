@@ -1,4 +1,4 @@
-"""The stability margins of `fuzzyarm margins`: the conditions, the document and the table."""
+"""The stability margins of `fuzzyarm margins`: their measurement, document and table."""
 
 import dataclasses
 import math
@@ -169,7 +169,7 @@ def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period:
 
 
 def ends_in_words(ends: Mapping[str, float | None]) -> str:
-    """Return in words the spectral radii of `ends_of`, the worst first: None, then the largest."""
+    """Return in words the spectral radii of `ends_of`: first those that are None, then from the largest down."""
     ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
     first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
     rest = "".join(f", {other}" for other in others)

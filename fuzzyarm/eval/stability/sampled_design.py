@@ -1,4 +1,4 @@
-"""Designs with margins on the sampled elastic arm, and the changes of an arm that would give a design such margins."""
+"""Designs with stability margins on the sampled elastic arm, and changes to arm or period that would give them."""
 
 from collections.abc import Iterator, Sequence
 

@@ -25,7 +25,7 @@ _HEAVIEST = 5.0  # kg, the payload of the paper's case
 
 
 class _Quantity(NamedTuple):
-    """A quantity in which plants differ, with its name in figures."""
+    """A quantity in which plants differ, with its label and unit for the axes of plots."""
 
     label: str
     unit: str = "× nominal"

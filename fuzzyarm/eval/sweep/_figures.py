@@ -94,7 +94,10 @@ def _draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[
 
 
 def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return distributions of `errors` (policies, cases, plants) [mm]; bars: intervals of the quantiles in `rows`."""
+    """Return a figure of the distributions of `errors` (policies, cases, plants) [mm].
+
+    Bars are the confidence intervals of the quantiles in the summary's `rows`.
+    """
     figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
     panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
     share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]

@@ -1,8 +1,8 @@
 """The plants of a sweep: their parameters, and the environment in which some of them run.
 
-Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
-stream for seed + i; noise and delay come from another stream of the same seed. So a plant does not depend on its chunk,
-worker, policy or case, and comparisons are paired.
+Plant i is a function of the configuration and of i alone, not of its chunk, worker, policy or case, so comparisons are
+paired. The environment draws its domain randomisation from its own stream for seed + i; noise and delay come from
+another stream of the same seed.
 """
 
 import dataclasses
@@ -34,13 +34,13 @@ _EXTRAS = 1  # number of the stream of noise (counter 0) and delay (counter 1) a
 
 
 class Plants:
-    """Some plants of a sweep in some cases: plant i in case c is lane c n + i of their environment.
+    """Some plants of a sweep in some cases: of n plants, plant i in case c is lane c n + i of `envs`.
 
     Attributes:
         config: the configuration of the sweep.
-        seeds: (n,) seed of each plant, in the environment too.
+        seeds: (n,) seed of each plant, and of its lane in each case.
         values: (n,) records of `distributions.plant_record`; read-only.
-        envs: the environment of all lanes.
+        envs: the environment, with a lane for each plant in each case.
         channel: encoder noise and delay of all lanes.
     """
 
@@ -78,7 +78,10 @@ def _cells(config: SweepConfig, members: Sequence[int]) -> dict[str, np.ndarray]
 
 
 def _extras(ranges: Distribution, seeds: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return for n seeds noise (n,), factors on `NOISE`, and delay (n,), whole control periods; uniform in `ranges`."""
+    """Return ``noise`` (n,) and ``delay`` (n,), drawn uniformly from `ranges` for n seeds.
+
+    Noise is a factor on `NOISE`; delay is in whole control periods.
+    """
     keys = np.concatenate([np.random.SeedSequence((seed, _EXTRAS)).generate_state(1, np.uint64) for seed in seeds])
     (low, high), (first, last) = ranges.noise, ranges.delay
     noise, delay = (uniform(keys, np.array([place], np.uint64)) for place in (0, 1))
@@ -88,10 +91,10 @@ def _extras(ranges: Distribution, seeds: Sequence[int]) -> dict[str, np.ndarray]
 def _environment(
     config: SweepConfig, cells: Mapping[str, np.ndarray], count: int, cases: Sequence[str]
 ) -> FuzzyArmVectorEnv:
-    """Return the environment of `count` plants in these cases.
+    """Return the environment of `count` plants, each in every case, with the lanes in the order of `Plants`.
 
-    Each lane's own arm and disturbance have the values of the grid, `cells`; the environment draws the rest. All chunks
-    use the sub-step that the fastest plant of the sweep needs.
+    `cells` has by quantity the values (count,) that the grid sets in the plants; the environment draws the rest. All
+    chunks use the sub-step that the fastest plant of the sweep needs.
     """
     arm, drawn = config.arm, config.drawn()
     noisy = drawn.noise[1] > 0.0 or "noise" in cells

@@ -197,9 +197,10 @@ class SweepConfig:
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
-        """Return the configuration with the fields `given`, and with defaults that fit them.
+        """Return the configuration with the fields `given`; the defaults of the other fields fit these.
 
-        By default, with a grid nothing else varies and a cell has one plant; for a robot the policies are `ANY_ROBOT`.
+        With a grid, by default only its quantities vary and a cell has one plant; with a robot the policies are
+        `ANY_ROBOT`.
         """
         defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
         if given.get("robot") is not None:

@@ -2,9 +2,9 @@
 
 The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: the
 error that a user must allow for without knowing the plant or the next load. Its interval reaches from the largest of
-the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. Smaller is better. A
-policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by
-the share of such episodes.
+the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. A policy that ends
+more than one in a hundred episodes of a case early has no score and ranks after all that have one, by the share of such
+episodes.
 
 Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. The
 number of plants may differ.
@@ -139,7 +139,7 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], d
 
 
 def _ends(quantile: dict[str, Any]) -> list[float]:
-    """Return the value, low and high [mm] of a quantile read from a file; inf replaces None."""
+    """Return a quantile [mm] read from a file and the two ends of its confidence interval; inf replaces None."""
     names = ("value", "low", "high")
     return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
 

@@ -54,9 +54,9 @@ class Sweep:
     Attributes:
         folder: the folder of the sweep.
         config: its configuration.
-        specs: by label, the specs of its policies, which permit the user code that they name to run.
+        specs: by label, the specs of its policies; user code that they name may run.
         policies: by label, the policies loaded for its robot.
-        digest: the digest of its identity.
+        digest: the digest of everything on which its results depend.
     """
 
     folder: Path
@@ -279,7 +279,7 @@ def _module_files(spec: PolicySpec) -> dict[str, str]:
 
 
 def _described(case: Case, axes: int) -> str:
-    """Return the digest of an added case: of its fields as text, and of its tip force at some instants."""
+    """Return the digest of a user's case: of its fields as text, and of its tip force (`axes`,) at some instants."""
     force, t = case.disturbance.tip_force, np.linspace(0.0, 2.0, INSTANTS)
     text = re.sub(r" at 0x[0-9a-f]+", "", repr(case))
     velocity = np.stack([np.cos(t), np.sin(t), t][:axes], axis=-1)

@@ -1,8 +1,7 @@
 """The statistics of a sweep: success rates and quantiles with confidence intervals, the worst plants, and their table.
 
 An episode that ended early counts as one whose tip error is larger than any bound. The p-quantile of n errors is the
-smallest error that at least n p of the errors do not exceed. It is one of the errors, and may belong to an episode that
-ended early.
+smallest error that at least n p of the errors do not exceed, and may belong to an episode that ended early.
 
 Confidence intervals are of 95 % and refer to the distribution that the plants were drawn from (for a grid: to plants
 chosen from it at random). Intervals of quantiles are percentile bootstraps. The rank of a resample's quantile has the
@@ -47,10 +46,10 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the document that `fuzzyarm sweep --json` prints.
 
-    It has the provenance, the configuration, the declarations of the policies (without `declared` those of the
-    package's policies), and ``rows``. The row of a policy in a case has ``success`` and the quantiles of ``max_mm`` and
-    ``rms_mm`` by level, each as value and interval, and ``worst``. A value of None is larger than any bound; a single
-    plant has None for the ends of its intervals.
+    It contains the provenance, the configuration, the declarations of the policies (without `declared` those of the
+    package's policies), and ``rows``. The row of a policy in a case has the ``success`` rate and the quantiles of
+    ``max_mm`` and ``rms_mm`` by level, each as value and interval, and in ``worst`` the worst plants. A value of None
+    is larger than any bound; a single plant has None for the ends of a quantile's interval.
     """
     pairs = itertools.product(enumerate(config.labels), enumerate(config.cases))
     return {
@@ -90,7 +89,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def _worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the indices (count,) of the worst plants: first by the time of an early end, then by decreasing error."""
+    """Return the indices (count,) of the worst plants: early ends, earliest first, then by decreasing error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 
@@ -158,7 +157,7 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
 
 
 def _cell(found: dict[str, _Number], form: Callable[[float], str], terminal: bool) -> str:
-    """Return a value and its interval, which a terminal shows on a second line."""
+    """Return the text of a table's cell: a value and its interval by `form`, on two lines for a terminal."""
     value, low, high = (
         _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
     )

@@ -9,7 +9,7 @@ instant on, the other half under a force against the direction of travel, both o
 arms). The first group has the known arm. The second has masses and motor inertias within 10 % of the known ones,
 stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. The third adds encoder noise of
 up to twice `_NOISE`, and delays of the commands of up to two periods. The default reference is used only for the last
-error, and the cases with loads are not used.
+error.
 
 The weights of `_BOX` are searched for. The others are fixed: they state prior knowledge (how far an arm may differ from
 the known one) or the confidence of a test (the dead zone: four standard deviations).

@@ -1,7 +1,7 @@
-"""The result of one tuning step, kept in the folder so that a run can be resumed; and the largest loads in a search.
+"""The result of a tuning step, kept in a file so that the tuning can be resumed; and the motion and loads of an arm.
 
-The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; no
-search simulates the cases with loads.
+The motion is the arm's default reference. The largest loads in a search are scaled to the arm as those of the cases
+are, see `envs.scenario.cases`; no search simulates the cases with loads.
 """
 
 import dataclasses

@@ -8,9 +8,10 @@ further change, loop gain x 0.67, loop gain x 1.5 or the arm's payload at the ti
 throughout. Designs whose motor error is within `WORTH` of the smallest are equally good; of these the rule selects the
 one with which friction moves the tip least, see `largest_deviation`.
 
-The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
-inertias and (20 1/s)/α; the poles are those of Table 1, because the control period limits them. A decay rate is
-rejected if no design with the largest γ, which has the smallest gains of the grid, meets the requirements.
+The decay rate α is the first of `ALPHAS` for which there is such a design. The values of γ are those for
+Table 1, scaled to the arm and α by `gamma_for`; the bounds on the pole are the same for all arms, because the control
+period limits the poles. A decay rate is rejected if no design with the largest γ, which has the smallest gains of the
+grid, meets the requirements.
 """
 
 import functools
@@ -93,7 +94,7 @@ def find_gains(context: Context) -> Found:
 
 
 def _points_of(arm: ArmParameters, alpha: float) -> list[Specification]:
-    """Return the points of the grid for an arm and a decay rate [1/s], as specifications of designs by ascending γ."""
+    """Return the specifications of all designs of the grid for an arm and a decay rate [1/s], by ascending γ."""
     return [
         Specification(NAMED_RULES[RULES], alpha=alpha, gamma=gamma_for(arm, alpha, gamma), fastest_pole=pole)
         for gamma, pole in itertools.product(_GAMMAS, _POLES)
@@ -137,7 +138,7 @@ def _bears(measured: dict[str, float], allowed: float) -> bool:
 
 
 def _equals_of(made: Sequence[_Made]) -> list[_Made]:
-    """Return the designs that meet the requirements and are equally good; the first is the one that the rule picks."""
+    """Return the designs that meet the requirements with a motor error within `WORTH` of the least, the best first."""
     fit = [one for one in made if one.bears]
     least = min((one.measured[_ERROR] for one in fit), default=math.nan)
     equals = [one for one in fit if one.measured[_ERROR] <= (1.0 + WORTH) * least]

@@ -4,7 +4,7 @@ Objective: the mean over random arms of the rms tip error, plus the largest tip 
 noise, both in mm. The arms follow the default reference with masses, motor inertias and stiffness within 10 % and
 damping and friction within 50 % of the policy's values, an unknown payload of up to that of the case ``payload``
 (Table 1: 5 kg), a tip force of up to 200 N (Table 1; scaled for other arms) in any direction from some instant of the
-first half on, and encoder noise. The cases with loads are not used.
+first half on, and encoder noise.
 
 Constraint: on the sampled elastic arm a deviation shrinks to about a hundredth in the movement (spectral radius of at
 most 0.997 for the paper's 1500 periods) in each of these conditions: loop gain as it is, x 0.67 and x 1.5, with and
@@ -122,7 +122,7 @@ def _tip_errors(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed:
 
 
 def _weights_of(logarithms: np.ndarray) -> ObserverWeights:
-    """Return the rounded weights for these logarithms (4,), see `_BOX`; those of the encoder are the defaults."""
+    """Return the rounded weights for logarithms (4,) of the quantities in `_BOX`, with the default encoder noise."""
     link_angle, link_rate, load_walk, motor_share = np.exp(logarithms)
     values = (link_angle, link_angle * link_rate, load_walk, load_walk * motor_share)
     return ObserverWeights(*rounded(values, _DIGITS))

@@ -2,8 +2,8 @@
 
 For a `Robot`, of any number of joints, a policy's parameters start from the limits found at random postures
 (`design_scheduled`, `bandwidth_for`, `weights_for`). The policy is then slowed down until its loop is stable in every
-condition of `fuzzyarm margins` along the default reference; of the elastic observer, only the estimate of the load,
-which softer joints destabilise.
+condition of `fuzzyarm margins` along the default reference. In the elastic observer only the estimate of the load is
+slowed down, because softer joints destabilise it.
 """
 
 import dataclasses
@@ -85,7 +85,7 @@ _LEAST_GAIN_MARGIN = 2.0  # 6 dB
 
 
 def _find_bandwidth(context: Context) -> Found:
-    """Return the bandwidth ω [rad/s] that the rule picks for a two-joint arm."""
+    """Return the bandwidth ω [rad/s] of computed torque that `_bandwidth_of` selects for a two-joint arm."""
     arm: ArmParameters = context.arm
     row = _bandwidth_of(context.run(functools.partial(_assessed_bandwidth, arm), _BANDWIDTHS), halving_radius(arm))
     if row is None:
@@ -126,7 +126,7 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 
 def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return (settings, radii by condition) of (settings, policy) candidates up to the first that is stable in all."""
+    """Return (settings, radii by condition) of (settings, policy) candidates until one is stable in all conditions."""
     tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
         tried.append((made_from, measured_radii(policy, context.arm)))
@@ -137,7 +137,10 @@ def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]
 
 
 def _robot_gains(context: Context) -> Found:
-    """Return α, γ and the fastest pole of the stable design with the largest α (if none, the least); write its file."""
+    """Return α, γ and the fastest pole of the design with the largest α whose loop is stable; write its file.
+
+    If no loop is stable, it is the design with the smallest α.
+    """
     robot: Robot = context.arm
     rules, alpha, tried = min(RULES, 2 ** (len(robot) - 1)), None, 0
     while True:
@@ -165,7 +168,7 @@ def _robot_bandwidth(context: Context) -> Found:
 
 
 def _robot_observer(context: Context) -> Found:
-    """Return the elastic observer's weights with the largest stable `load_walk`; if none is, the least unstable."""
+    """Return the elastic observer's weights for the largest `load_walk` with a stable loop, else the least unstable."""
     robot: Robot = context.arm
     first = weights_for(robot, PERIOD)
     slower = (dataclasses.replace(first, load_walk=first.load_walk / factor) for factor in SOFTENINGS)
