@@ -217,7 +217,10 @@ def digest_of(source: str, name: str) -> str:
 
 
 def _cost_line(label: str, number: str, digest: str) -> str:
-    """Return the sentence on a law's cost, known only if the source of this `digest` and type `number` was measured."""
+    """Return the sentence on the memory and instructions that a law needs, or that its source was not measured.
+
+    `label` is the law's name, `number` its type of numbers, `digest` that of its source.
+    """
     found = json.loads(COSTS.read_text(encoding="utf-8"))
     rows = {core: row for core, row in found["laws"].get(label, {}).items() if row["sha256"] == digest}
     if not rows:

@@ -59,8 +59,8 @@ _TEMPLATE = Path(__file__).with_name("fmu.c")  # with @marks@ for what differs b
 def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     """Return the C source of an FMU: the template ``fmu.c``, with a text in place of each mark.
 
-    `numbers` maps the marks to these texts: guid, given, shown, results and period; the code for include, ranges, show,
-    started and single; and allowed, the permitted step sizes in words.
+    `name` is the model's name. `numbers` has code or numbers in C for the marks guid, given, shown, results, period,
+    include, ranges, show, started and single, and for the mark allowed the permitted step sizes in words.
     """
     text = _TEMPLATE.read_text(encoding="utf-8")
     for function, arguments in (_IDLE | _EXCUSED).items():
@@ -178,7 +178,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
 
 
 def _start(arm: AnyArm) -> list[float]:
-    """Return the initial state (4 n) [rad, rad/s] of an episode, or zeros if the default motion is out of reach."""
+    """Return the initial state (4 n) [rad, rad/s], see `export_plant_fmu`."""
     try:
         env = FuzzyArmEnv(parameters=arm) if isinstance(arm, ArmParameters) else FuzzyArmEnv(robot=arm)
     except ValueError:  # the default motion is out of reach
@@ -207,7 +207,10 @@ def _binary(name: str, sources: Mapping[str, str]) -> dict[str, bytes]:
 def _write(
     name: str, sources: dict[str, str], variables: Sequence[_Variable], code: dict[str, str], folder: Path
 ) -> Path:
-    """Write an FMU, its GUID a hash of its content, of `sources` (C by file name) and `code` (see `_fmu_source`)."""
+    """Write an FMU of `sources` (C by file name) and `code` (see `_fmu_source`) into `folder`; return the file.
+
+    Its GUID is a hash of its content.
+    """
     settable = variables[: int(code["given"]) + int(code["shown"])]
     ranges = [f'    {{"{one.name} [{one.unit}]", {one.low!r}, {one.high!r}}}' for one in settable]
     code = {**code, "ranges": ",\n".join(ranges)}

@@ -93,8 +93,8 @@ _Law = tuple[str, tuple[str, ...], tuple[_Symbol, ...]]  # title, equations and 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
     """Return the values of a certificate by name, as texts with units, rounded in the safe direction.
 
-    They follow from the controller's inequalities. If the policy leaves their box along its reference, the entry
-    ``claim`` says that they are void.
+    They hold while angles and velocities stay in a box. If the motors' target leaves this box along the certificate's
+    reference, the entry ``claim`` says that they are void.
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
@@ -278,7 +278,7 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
 
 
 def _arm(policy: Policy) -> tuple[_Symbol, ...]:
-    """Return quantities for a sheet: parameters of the equations of motion (robots: masses) and of the drives."""
+    """Return the constants of an arm: those of its equations of motion (of a robot, only masses), then its drives'."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
     drives = tuple(_Symbol(name, DRIVE_UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):

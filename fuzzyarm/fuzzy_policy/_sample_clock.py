@@ -55,7 +55,8 @@ class SampleClock:
     def see(self, observation: np.ndarray, state: Any) -> float:
         """Return the time T [s] since the last observation (lanes, 5 n), to four digits; 0 if it is not known.
 
-        `state` is the state passed with this observation, which follows the last one if `state` equals `returned`.
+        `state` is passed with this observation. The time is known only if `state` equals `returned`, the state that the
+        policy returned last.
         """
         seen, period = observation.copy(), 0.0
         # Memories that are still zero are equal in any two episodes.

@@ -152,6 +152,9 @@ class Controller(SignedController):
 
 
 def consistent_feedforward(model: TSModel) -> np.ndarray:
-    """Return the feedforward gains L (N, N_e, 2, 6) of the consistent form: L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]]."""
+    """Return the feedforward gains L (N, N_e, 2, 6) of the consistent form.
+
+    L_ik has rows 3 and 4 of -A_pi, then those of E_pk in its columns 3 and 4.
+    """
     pairs = [[(-A[VELOCITY], E[VELOCITY, VELOCITY]) for E in model.E_vertices] for A in model.A_vertices]
     return np.array([[np.hstack(pair) for pair in row] for row in pairs])

@@ -28,7 +28,7 @@ __all__ = ["Law", "LawPolicy", "constants_array", "held_at_limits", "law_of", "s
 
 
 class Law(NamedTuple):
-    """A control law: its function `act`, and what the function takes."""
+    """A control law: the function `act`, and its arguments besides an observation."""
 
     act: Callable[..., tuple[Any, Any]]  # see the module's docstring
     memory: Any  # a tree of zeros
@@ -39,7 +39,7 @@ class Law(NamedTuple):
 
 
 def seen_by(joints: int) -> Observation:
-    """Return an observation of zeros for n joints, each part a record."""
+    """Return an observation of zeros, in which each part is a record of `joints` numbers."""
     return Observation(*[per_joint(joints)(*[0.0] * joints)] * PARTS)
 
 
@@ -97,7 +97,7 @@ class LawPolicy(Policy):
         self._act_kernel((memory, observation, torque), self._constants, self.control_law.tables)
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
-        """Fill `torque`, within its limits, and return False if one is not a number, see `Policy.command`."""
+        """Fill `torque`, clipped to its limits; return False if a torque is not a number, see `Policy.command`."""
         if not self._lawful:
             return super().command(observation, memory, torque)
         alone = self._alone
@@ -116,7 +116,7 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _lawful(self) -> bool:
-        """Whether no subclass overrides the law, see `law_of`."""
+        """Whether no subclass overrides a method that acts by the law, see `law_of`."""
         return law_of(self) is not None
 
     @functools.cached_property

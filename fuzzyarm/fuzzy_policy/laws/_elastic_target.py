@@ -53,7 +53,10 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff includes dry friction (else 0), and by how many periods u_ff is extrapolated."""
+    """The constants of the target: links, motors, and control period T [s].
+
+    `friction` is 1 if u_ff includes dry friction, else 0. u_ff is that of `ahead` periods after the sample.
+    """
 
     arm: Any
     drives: Drives

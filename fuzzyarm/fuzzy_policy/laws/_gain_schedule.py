@@ -113,7 +113,10 @@ def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
 
 
 def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
-    """Return copies of `angles` (samples, n) [rad] with joints `kept` at each grid point; the last varies fastest."""
+    """Return copies of `angles` (samples, n) [rad], with joints `kept` at all combinations of `_POINTS` angles.
+
+    The last joint's angle varies fastest.
+    """
     turned = []
     for place in itertools.product(2.0 * np.pi * np.arange(_POINTS) / _POINTS, repeat=len(kept)):
         q = angles.copy()

@@ -116,7 +116,7 @@ class ElasticObserverPolicy(LawPolicy):
 
 
 class SmoothObserverPolicy(ElasticObserverPolicy):
-    """The elastic observer, predicting without sticking, see the module's docstring; same arguments and memory."""
+    """The elastic observer whose prediction has no sticking, see the module's docstring; same arguments and memory."""
 
     _smooth = True
 
@@ -130,7 +130,7 @@ class Observed(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """The law's constants: the target's, torque limits [N m], length [s] and number of the prediction's sub-steps."""
+    """Constants of the target, torque limits [N m], and length `h` [s] and number of the prediction's sub-steps."""
 
     target: TargetConstants
     limit: Any
@@ -139,7 +139,10 @@ class Constants(NamedTuple):
 
 
 class _Corrected(NamedTuple):
-    """A corrected sample: the target's memory and `Aim`, u_ff, estimate (x̂, d̂), innovation ν, and table rows of K."""
+    """A sample after correction: estimate (x̂, d̂), innovation ν, u_ff, and the target's memory and `Aim`.
+
+    `corners` are rows of K's table and their weights.
+    """
 
     past: Past
     aim: Any

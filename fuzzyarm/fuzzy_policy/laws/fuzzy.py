@@ -3,7 +3,8 @@
     u = K_hv e + H_hv x_I + L_hv r,   r = (q_d, q̇_d, q̈_d),   e = (q_a - q_d, q̇_a - q̇_d).
 
 For a twice differentiable reference the reference model (8) is the identity, x_r = (q_d, q̇_d). In the consistent form
-L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x_r - E_pv ẋ_r exactly for the kept premises.
+L_ik r = -A_pi (q_d, q̇_d) + E_pk q̈_d, with rows 3 and 4 of A_pi and E_pk, and columns 3 and 4 of E_pk. This cancels
+A_ph x_r - E_pv ẋ_r exactly for the kept premises.
 """
 
 import functools

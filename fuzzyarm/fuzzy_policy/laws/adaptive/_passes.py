@@ -19,7 +19,7 @@ later passes the force varies too little to determine the payload. A law that as
 filter allows because links may be lighter than modelled, loses control of a heavier arm.
 
 A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
-position; payload, constants and delay keep their learned values. The next pass starts with nothing learned.
+position; payload, constants and delay keep their learned values until its end.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class AdaptivePasses(PassLearner):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return the `Beliefs` after the last sample, lane by lane; the force includes the expected force."""
+        """Return the `Beliefs` after the last sample, lane by lane; their force is the expected plus the estimated."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -176,7 +176,10 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
 
 
 def _lines(force: np.ndarray) -> np.ndarray:
-    """Return the mean of a force over each period and its change, (samples, lanes, 2 · axes); the last change is 0."""
+    """Return the force lines (samples, lanes, 2 · axes), see `Scratch`, of a force (samples, lanes, axes).
+
+    They are its mean until the next sample, then its change until then, at last 0.
+    """
     later = np.concatenate([force[1:], force[-1:]])
     return np.concatenate([0.5 * (force + later), later - force], axis=2)
 
@@ -206,7 +209,7 @@ class _Notes(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """A sample for the smoother: measurements, their variances, force lines to the next sample, and commands [N m]."""
+    """A sample for the smoother: measurements, variances, `_lines` of forces to the next sample, and commands [N m]."""
 
     measured: Any  # θ and θ̇ (2 n,)
     variances: Any  # (2 n,)
@@ -224,14 +227,14 @@ class _Smoother:
     angles. The backward pass (Bryson and Frazier) begins with λ = 0 after the last sample. At each sample, for the
     measured quantities in reverse order, it sets
 
-        λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
+        λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Φᵀ λ for the sample before,
 
-    where h selects the quantity in (x, f), ν is its innovation with variance s, P_y its column of P, and f⁻ and P⁻ are
-    the filter's values before the sample.
+    where h selects the quantity in (x, f), ν is its innovation with variance s, P_y its column of P, f⁻ and P⁻ are the
+    filter's values before the sample, and Φ is F of `filter` for (x, f).
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Prepare the filter for the policy's arm with known constants, and motors that apply the commands exactly."""
+        """Prepare a filter for the policy's arm that takes the constants as known, and does not doubt torque jumps."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)

@@ -102,7 +102,7 @@ def mass_of(arm: AnyArm) -> float:
 
 
 class _Belief(NamedTuple):
-    """The parts of the estimated parameters p, or slices of an array; the forces come first, the delay last."""
+    """A value for each part of the estimated parameters p, such as its slice; forces come first, the delay last."""
 
     travel_force: Any  # f_t [N]
     force: Any  # F [N], (axes,)
@@ -194,7 +194,7 @@ class ArmFunctions:
         self._drives = [flat(drive) for drive in drives]  # indices of each joint's entries
 
     def constants_in(self, numbers: Any) -> Any:
-        """Return the constants of the arm's equations for the vector a, `numbers`."""
+        """Return the constants of the arm's equations for the vector a (k,), here `numbers`."""
         given, count = list(numbers), size(self._record)
         known = filled(self._record, given[:count])
         return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
@@ -205,7 +205,7 @@ class ArmFunctions:
         return found
 
     def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
-        """Advance states (4 n, copies) by `substeps` of h [s] under torques [N m], forces [N], see `filter._Copies`."""
+        """Advance `state` in place by `substeps` of h [s]; the arrays are those of `filter._Copies`."""
         physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))

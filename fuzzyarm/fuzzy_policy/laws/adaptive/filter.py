@@ -44,8 +44,7 @@ payload l (the first entries of p), their initial guess l_0, and the state x,
 
 ρ is the largest ratio, of all joints, of the estimated noise variance to the one assumed for a measured angle. A load
 within c standard deviations of that noise has no effect; a load far beyond is hardly reduced (the positive-part
-James-Stein estimator). s is 1 without noise (ρ = 0) and where corrections have a direction (calm = 0). x_a is the mean
-of x, given l_a. The filter itself continues with x and l.
+James-Stein estimator). x_a is the mean of x, given l_a. The filter itself continues with x and l.
 """
 
 from __future__ import annotations
@@ -255,8 +254,8 @@ def take_in(m: Memory, room: Scratch, seen: Observation) -> None:
 def begin(m: Memory, s: Settings, room: Scratch) -> None:
     """Initialise z and P if the sample is the first one.
 
-    K_t (θ - q) = g(q) for the measured θ, the links are as fast as the motors, and p = p_0. Constants learned in an
-    earlier pass are kept; the loads are reset.
+    Then K_t (θ - q) = g(q) for the measured θ, the links have the motors' velocities, and p = p_0. Constants learned in
+    an earlier pass are kept; the loads are reset.
     """
     joints = len(m.noise)
     bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
@@ -307,8 +306,7 @@ def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
 
     Without noise, e is 0 for a torque that is constant between two samples, and e hardly changes if the loop vibrates:
     a vibration at ω caused by the commands appears as about (ωT)³/12 of its amplitude or less. σ² is the mean over all
-    samples from the third on (the first change of e), until the weight `share` has fallen to `_NOISE_SHARE`. σ²
-    determines the variances of the measurements and the dead zone.
+    samples from the third on (the first change of e), until the weight `share` has fallen to `_NOISE_SHARE`.
     """
     joints, samples = len(m.noise), m.flags[FLAG.samples]
     share = maximum(_NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
@@ -327,7 +325,10 @@ def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def update(m: Memory, s: Settings, room: Scratch) -> Any:
-    """Correct z and P by the measurements; return the mean squared innovation relative to its expected variance."""
+    """Correct z and P by the measurements in `room`.
+
+    Return the mean over them of the squared innovation, relative to its expected variance.
+    """
     z, P, joints, surprise = m.z, m.P, len(room.measured) // 2, array(1)
     surprise[0] = 0.0
     for half in range(2):
@@ -352,7 +353,7 @@ def update(m: Memory, s: Settings, room: Scratch) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Increase the variances of the delay and of the constants' common factor, for a mean ν²/s of 1 + `surprise`."""
+    """Increase the variances of the delay and of the constants' common factor; `surprise` is mean ν²/s - 1."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
     m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
@@ -401,7 +402,7 @@ def _confine(m: Memory, s: Settings) -> None:
 
 
 def _note_swing(m: Memory, s: Settings) -> None:
-    """Update the mean jump w of the commands, which is zero when an episode begins, by the last jump.
+    """Include the last jump of the commands in their mean jump w, which is zero when an episode begins.
 
     w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load causes few large jumps, so that w stays small. If
     motors are much stronger or more delayed than estimated, commands swing between limits, and w approaches 2.
@@ -518,7 +519,10 @@ def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
 
 
 def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
-    """Return the mean torque [N m] of a joint over the next period for commands delayed by `lateness` periods."""
+    """Return the mean torque [N m] of a joint until the next sample, if commands act `lateness` periods late.
+
+    `commands` (commands, n) [N m] begin with the newest.
+    """
     whole = floor(lateness)
     rest = lateness - whole
     return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)
@@ -533,7 +537,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return a joint's command [N m], the newest for `place` 0, by selection: no array index depends on data."""
+    """Return ``commands[place, joint]`` [N m], newest first, found by comparisons: no array index depends on data."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -587,7 +591,7 @@ def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_sl
 
 
 def _step(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill F, the derivative of x after a period with respect to z, from the advanced copies; advance z and P."""
+    """Fill F, the derivative of the next x by z, from differences of the advanced `room.copies`; advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):

@@ -67,9 +67,9 @@ class Beliefs:
 
 
 class AdaptiveObserverPolicy(LawPolicy):
-    """Identification, observer, regulator and elastic target; the law is in the module's docstring.
+    """The adaptive observer, with regulator and elastic target; the law is in the module's docstring.
 
-    `belief` and `memory` are the slices of the parts of p and of the filter's memory.
+    `belief` has the slice of each part of the parameters p, `memory` that of each part of the filter's memory.
     """
 
     def __init__(
@@ -79,10 +79,10 @@ class AdaptiveObserverPolicy(LawPolicy):
         weights: AdaptiveWeights | None = None,
         fallback: Policy | None = None,
     ) -> None:
-        """Design the regulator for the arm as the controller knows it (default Table 1) and a control period [s].
+        """Design the regulator for a control period [s] and the arm as the controller knows it (default Table 1).
 
-        By default the weights are those of `adaptive_weights_for` and `fallback` is computed torque at the tip.
-        ValueError if the control period is out of range, or there are no gains for these arguments.
+        `fallback` acts once the filter has diverged, by default computed torque at the tip. Default weights are those
+        of `adaptive_weights_for`. ValueError if the control period is out of range, or no gains exist.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.arm, physics = self.parameters, equations_of(self.parameters)
@@ -94,7 +94,10 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Evaluate the law like `act`, but with a part `known` of the tip force [N], see `Scratch`."""
+        """Evaluate the law like `act`, filling `torque`, for a tip force that is known in part.
+
+        `known` (lanes, `KEPT` + 1, axes) [N] is this part, see `Scratch`.
+        """
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
@@ -119,7 +122,10 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return ``answer(memory, seen, given, *tables, known, admit)``; see `Scratch` (`known`), `Law` (`admit`)."""
+        """Return the law as ``answer(memory, seen, given, *tables, known, admit)``.
+
+        `known` is that of `Scratch`, the others are those of `Law.act`.
+        """
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
@@ -142,7 +148,7 @@ class AdaptiveObserverPolicy(LawPolicy):
 
     @functools.cached_property
     def _behind(self) -> Law:
-        """The law of `fallback`, which acts where the filter has diverged."""
+        """The law of `fallback`."""
         found = law_of(self.fallback)
         if found is None:
             raise ValueError(

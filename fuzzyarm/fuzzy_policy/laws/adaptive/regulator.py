@@ -1,13 +1,14 @@
 """The torque of the adaptive observer for an estimate z: target, feedforward and regulator; the law is in `policy`.
 
 The regulator K is tabulated over posture and payload. `AdaptiveWeights` were tuned for the two-joint arm,
-for which the table follows the mass matrix. If a robot's mass matrix depends on more angles, the gains are designed for
-a mean, and the loop may be unstable in part of the range, even with a known state. The substitutions
+for which the table follows the mass matrix. If a robot's mass matrix depends on more angles than K, K is designed
+for its mean over the others, and the loop may be unstable in part of the range, even with a known state. The
+substitutions
 
     link_angle → s link_angle,    link_velocity → √s link_velocity,    first_gain → min(1, s first_gain)
 
 with a factor s ≥ 1 weaken the feedback and the need for a soft start. s is the smallest of `SOFTENINGS` for which the
-loop with a known state is stable at random postures, for the modelled joint stiffness and for 20 % less and more.
+loop with a known state is stable at random postures, for 80 %, 100 % and 120 % of the modelled joint stiffness.
 
 An episode begins with a fraction of K: with all of it, motors stronger or more delayed than modelled would oscillate
 until the filter adapts.
@@ -97,9 +98,9 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
 
 
 def _gain_share(m: Memory, s: Settings) -> Any:
-    """Return the factor on K at this sample: `first_gain` in the soft start, then growing to 1 in the same time.
+    """Return the factor on K at this sample: `first_gain` in the soft start, then rising to 1 over an equal time.
 
-    It is 1 at once if an earlier pass has learned the motors' strength and delay.
+    If an earlier pass has learned the motors' strength and delay, the factor is always 1.
     """
     past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
     share = s.weights.first_gain + (1.0 - s.weights.first_gain) * minimum(maximum(past, 0.0), 1.0)
@@ -107,9 +108,9 @@ def _gain_share(m: Memory, s: Settings) -> Any:
 
 
 def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
-    """Fill the unclipped torque (n,) [N m] for the estimate z, nan if the filter has diverged, and prepare `predict`.
+    """Fill `torque` (n,) [N m] with the unclipped torque for the estimate z, or with nan if the filter has diverged.
 
-    The caller may then replace the clipped torque ``m.commands[0]`` (n,) [N m] by the torque commanded instead.
+    Before `predict`, the caller may replace the clipped torque ``m.commands[0]`` (n,) [N m] by the one commanded.
     """
     for j in each(len(torque)):
         torque[j] = math.nan
@@ -120,7 +121,10 @@ def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Store in `room`, for the estimate z: vector a, directions of travel, force lines, and τ_d of the references."""
+    """Fill `room` for the estimate z: the vector a, and for each reference τ_d and the direction of travel.
+
+    `room.line` and `room.directions` give the tip force until the next sample.
+    """
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
@@ -146,7 +150,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def _advance(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill `room.one.state` with x of the estimate z, advanced by all pending commands until the next one acts."""
+    """Fill `room.one.state` with x of the estimate z, advanced by earlier commands until this sample's command acts."""
     torque = room.one.torque
     joints, lateness = len(torque), z[len(z) - 1]
     offset, whole = len(z) - 1 - joints, floor(lateness)
@@ -164,7 +168,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
 
 
 def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
-    """Fill `torque` (n,) [N m], computed for when it reaches the motors, and store it, clipped, in `m.commands`."""
+    """Fill `torque` (n,) [N m] for the time at which it will reach the motors; store it, clipped, in `m.commands`."""
     joints, period = len(m.noise), s.period
     p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
     lateness = p[len(p) - 1]
@@ -191,7 +195,10 @@ def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None
 
 
 def _target(m: Memory, room: Scratch, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
-    """Return a joint's θ_d, θ̇_d, θ̈_d and u_ff by `motor_target`, for its reference `back` samples ago and current p."""
+    """Return a joint's θ_d, θ̇_d, θ̈_d and u_ff, see `motor_target`, for its reference of `back` samples ago.
+
+    `drive` are its motor and spring by the estimate, `period` is T [s].
+    """
     q, dq, ddq = (m.references[back, order, joint] for order in range(3))
     torques = [room.link_torque[back + k, joint] for k in range(4)]
     return motor_target(torques, q, dq, ddq, drive, period)

@@ -213,7 +213,7 @@ class PolicyBundle(Trained):
 
 @dataclasses.dataclass(frozen=True)
 class _NetworkDescription:
-    """The part of ``policy.json`` on the network."""
+    """The part of ``policy.json`` that describes the network."""
 
     sizes: list[int]
     activation: str

@@ -62,16 +62,16 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return features of ``FuzzyArmLearn-v0``; `history` > 0 adds an integral and as many past errors and actions."""
+    """Return ``FuzzyArmLearn-v0`` features; `history` > 0 adds error integrals, `history` past errors and actions."""
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
 @dataclasses.dataclass(frozen=True)
 class ActionDefinition:
-    """The meaning of an action a in [-1, 1]ⁿ: the torque u = `scale` · a, or a shift of the target of a policy, `base`.
+    """The meaning of an action a in [-1, 1]ⁿ: the torque u = `scale` · a or, with a `base`, a shift of its target.
 
-    The base receives q_a - `scale` · a as the motor angles, so that it moves the motors to its target plus `scale` · a.
-    A torque added to the base's would have no lasting effect: its integral would cancel it.
+    The base, a policy, receives the motor angles minus `scale` · a, and so moves the motors to its target plus
+    `scale` · a. A torque added to the base's would have no lasting effect: its integral would cancel it.
     """
 
     # one value per joint, for a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most

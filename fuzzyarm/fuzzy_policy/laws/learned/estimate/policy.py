@@ -57,7 +57,7 @@ class _SeenParts(NamedTuple):
 
 
 class _EstimateMemory(NamedTuple):
-    """A lane's memory: the elastic observer's, the network's last output ρ, the adaptive filter's, the network's h."""
+    """A lane's memory: elastic observer, last output ρ of the network, adaptive filter, and h of the network."""
 
     observer: Observed
     residual: Any
@@ -71,7 +71,7 @@ class LearnedObserverPolicy(LawPolicy):
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
     ) -> None:
-        """Design the gains of both laws for the arm as the policy knows it (default Table 1) and a control period [s].
+        """Design elastic and adaptive observer for T [s] and the arm as the policy knows it (default Table 1).
 
         ValueError if the control period is out of range, there are no gains for these arguments, or the network is for
         another number of joints or axes.
@@ -100,7 +100,7 @@ class LearnedObserverPolicy(LawPolicy):
         return other
 
     def without_dry_friction(self) -> ElasticObserverPolicy:
-        """Return the law that acts at rest, where m is 0: the elastic observer, for an arm without dry friction."""
+        """Return the law that acts alone at rest, the elastic observer, for the same arm without dry friction."""
         return self.elastic.without_dry_friction()
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
@@ -148,7 +148,7 @@ class LearnedObserverPolicy(LawPolicy):
         return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
     def _act_of(self) -> Any:
-        """Return the law as a function that returns (memory, torque, z, c, u_b), torques in N m."""
+        """Return a function of the arguments of `Law.act` that returns (memory, torque, z, c, u_b), torques in N m."""
         arm, settings, joints, physics = self.parameters, self.adaptive.settings, self.joints, self.elastic.where[0]
         correct, act, predict = steps_of(*self.elastic.where)
         units, turns, limit = signals.units_of(arm), signals.turns_of(arm), self.torque_limit.tolist()

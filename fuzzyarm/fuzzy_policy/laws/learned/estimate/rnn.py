@@ -10,8 +10,6 @@ episode begins). A gated recurrent unit with no bias in the candidate gives
 with Δ = (u_a - u_o)/R for u_a, u_o and R of `signals`, and g = |δ|²/(|δ|² + δ_0²) for the load δ in z, δ_0 = `QUIET`.
 The entry m of c is 0 where the reference is at rest. G determines how far the law goes beyond u_a. z = 0 and h = 0 give
 ρ = 0 exactly, for any c. At rest or for δ = 0, ρ and its slope are zero.
-
-`EstimateBundle` is the folder of the network: arm, control period and record of the training run, and the arrays.
 """
 
 from __future__ import annotations
@@ -83,7 +81,7 @@ class Layers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
-    """The finite arrays of the recurrent network, see `shapes_of`; the rows for s precede the rows for r."""
+    """The arrays of the recurrent network, all finite, see `shapes_of`; rows for gate s precede those for gate r."""
 
     gate_z: np.ndarray  # S_z above R_z
     gate_h: np.ndarray  # S_h above R_h
@@ -142,7 +140,7 @@ class EstimateNetwork:
 
 
 def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
-    """Return m g, the factor on u_a - u_o and in ρ, for signals z and context c; see the module's docstring."""
+    """Return m times g, the factor on u_a - u_o and in ρ, for the network's inputs z and c; 0 at rest or unloaded."""
     load, square = unexplained_parts(joints, axes).load.start, 0.0
     for k in range(joints):
         square = square + z[load + k] * z[load + k]
@@ -150,7 +148,10 @@ def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
 
 
 def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
-    """Return the output ρ, joint by joint, for z, c, `gap` u_a - u_o and `torques` R [N m], and advance h (hidden,)."""
+    """Return the network's output ρ, joint by joint, for its inputs z and c, and advance its memory h (hidden,).
+
+    `gap` is u_a - u_o and `torques` R, both [N m]; `n` are its arrays, for `axes` tip axes.
+    """
     hidden, total, follow = len(h), array(1), array(1)
     w = array(hidden)
     for i in each(hidden):

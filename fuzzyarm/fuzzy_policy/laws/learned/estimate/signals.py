@@ -164,7 +164,10 @@ def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _U
 def see_unexplained(
     innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: _UnexplainedParts
 ) -> None:
-    """Fill `parts` of z, in `units`, from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m], and the last ρ (n,)."""
+    """Fill entries of z with the first four arguments, scaled by `units`; `parts` are its slices.
+
+    These are ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o, (n,) [N m] each, and the last ρ (n,).
+    """
     _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
     seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
     for i, torque in enumerate(units.torque.tolist()):
@@ -175,9 +178,9 @@ def see_unexplained(
 def see_beliefs(
     m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: _UnexplainedParts, in_context: _ContextParts
 ) -> None:
-    """Fill entries of z with the load, and of c with beliefs on delay and noise; 0 where the filter has diverged.
+    """Fill entries of z with the load, and of c with beliefs about delay and noise; 0 where the filter has diverged.
 
-    These are the delay and its standard deviation [control periods], calm, surprise (see `_Flags`) and noise.
+    In c these are the delay and its standard deviation [control periods], calm, surprise (see `_Flags`) and noise.
     """
     states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
     for numbers in (belief, trust):
