@@ -85,8 +85,8 @@ class Policy(abc.ABC):
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
         """Evaluate the law within the torque limits; return False if a torque is not a number.
 
-        The torque of joint j is clipped to ±Γ_j [N m]. If it exceeds this limit, its integral x_I,j is held if a change
-        would drive it further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments as for `act`:
+        The torque u_j of joint j is clipped to ±Γ_j [N m]. If it exceeds a limit, the integral x_I,j is held if its
+        change would drive u_j further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments as for `act`:
         observation (lanes, 5 n), memory (lanes, memory_size), torque (lanes, n).
         """
         at, largest = self.integral_at, self.torque_limit
@@ -183,7 +183,7 @@ class Policy(abc.ABC):
         return result
 
     def _meets(self, period: float, sure: bool) -> bool:
-        """Change to a control period [s], return whether that was possible; if not, warn if this period is `sure`."""
+        """Change to a control period [s]; return whether that was possible. If not, warn if the period is `sure`."""
         reason = ""
         if self.remake is not None:
             try:
@@ -268,7 +268,7 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def begin_pass(self, state: Any) -> Any:
-        """Return the state that begins the next pass over a path, given the last; ValueError if that has no samples."""
+        """Return the state that begins the next pass, given the last pass's; ValueError if that pass has no samples."""
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> Any:

@@ -58,12 +58,12 @@ class Premise:
 
     @property
     def name(self) -> str:
-        """The function with the number of the joint, from 1, as in "cos 2q3"."""
+        """The name of the premise: its function, then the number of its joint, from 1, as in "cos 2q3"."""
         return f"{self.function}{self.joint + 1}"
 
     @property
     def turns(self) -> int:
-        """Number of periods of the function in one turn of the joint."""
+        """Number of periods of the premise in one turn of its joint."""
         return 2 if "2" in self.function else 1
 
     def at(self, q: np.ndarray) -> np.ndarray:

@@ -117,7 +117,7 @@ class TSModel:
 
     @property
     def rules(self) -> int:
-        """Number of fuzzy rules, two to the number of kept premises."""
+        """Number of fuzzy rules, 2^k for k kept premises."""
         return 1 << len(self.kept)
 
     @cached_property

@@ -180,7 +180,10 @@ class _Cones:
         self._offsets = np.arange(_DRIVE * n) % _DRIVE == _DRIVE - 1
 
     def projected(self, values: np.ndarray) -> np.ndarray:
-        """Return the physically possible values nearest to `values`: pseudo-inertias, then joint parameters, scaled."""
+        """Return the physically possible numbers nearest to `values` (20 n,).
+
+        Both are scaled: the pseudo-inertias of the links, then the parameters of the joints.
+        """
         bodies = values[: self._links].reshape(self.n, DIMENSIONS + 1, DIMENSIONS + 1)
         size, turn = np.linalg.eigh(0.5 * (bodies + bodies.transpose(0, 2, 1)))
         bodies = (turn * np.maximum(size, _LEAST)[:, np.newaxis]) @ turn.transpose(0, 2, 1)

@@ -251,7 +251,10 @@ def fitted(
 
 
 def _total(costs: np.ndarray, knee: float, known: np.ndarray, away: np.ndarray) -> float:
-    """Return Cauchy's function (scale `knee`) of `costs`, plus Σ `known` · `away`², weights and deviations of z."""
+    """Return the sum of Cauchy's function, with the scale `knee`, over `costs`, plus Σ `known` · `away`².
+
+    `away` (P,) is z - ẑ, and `known` (P,) is 1/σ_z².
+    """
     return knee * float(np.sum(np.log1p(costs / knee))) + float(np.sum(known * away**2))
 
 

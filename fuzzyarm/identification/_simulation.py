@@ -80,7 +80,7 @@ def windows_of(log: Log, number: int, length: float, every: float, points: int, 
         length: length of a window [s].
         every: time from the beginning of a window to the beginning of the next [s].
         points: K, the number of samples of a window that are compared.
-        most: largest number of windows; of more, evenly spaced ones are chosen.
+        most: largest number of windows; if there are more, evenly spaced ones are chosen.
     """
     rate = 1.0 / log.period
     cutoff = butter(4, min(_CUTOFF, 0.5 * _HIGHEST * rate), fs=rate, output="sos")
@@ -161,7 +161,10 @@ def _rigid_hold() -> Callable[..., None]:
 
 
 def _rigid_substeps(period: float, arm: ArmParameters) -> int:
-    """Return how many sub-steps of a period [s] keep the smooth friction stable, if 100 do; it is steepest at rest."""
+    """Return the number of sub-steps of a period [s], of 1 ms at most.
+
+    There are more, 100 at most, if the smooth friction needs them to be stable at rest.
+    """
     M = np.array([two_joints().mass_matrix(PerJoint(0.0, q2), arm_constants(arm)) for q2 in (0.0, 0.5 * math.pi)])
     turning = np.linalg.inv(M + np.diag(arm.motor_inertia))
     slope = np.array(arm.static_friction) / _SMOOTH + np.array(arm.viscous_friction)
@@ -230,7 +233,7 @@ def simulated(
 def rms_errors(
     simulator: Simulator, windows: Sequence[Windows], theta: np.ndarray, arm: ArmParameters
 ) -> list[np.ndarray]:
-    """Return the rms errors [rad] of the angles simulated with θ (17,), (S, 2) for each `Windows` of S windows."""
+    """Return the rms errors (S, 2) [rad] of angles simulated with θ (17,), for each `Windows` object of S windows."""
     found = []
     for one in windows:
         lanes = np.repeat(theta[:, np.newaxis], len(one), axis=1)

@@ -125,12 +125,12 @@ class _Style:
         return row if len(row) == self.width and sum(number == number for number in row) > 1 else []
 
     def is_worded(self, line: str) -> bool:
-        """Return whether a line has the right number of cells and each contains a text, not a number."""
+        """Return whether a line has the right number of cells, and each contains words, not a number."""
         cells = self.cells(line)
         return len(cells) == self.width and all(cell and self.number(cell) is None for cell in cells)
 
     def number(self, cell: str) -> float | None:
-        """Return the number in a cell, `_seconds` for a date or time of day, NaN for an empty cell, None for text."""
+        """Return the number in a cell: NaN if it is empty, `_seconds` of a date or time of day, None for other text."""
         try:
             return float(cell.replace(",", ".") if self.mark == "," else cell)
         except ValueError:
@@ -232,9 +232,10 @@ def _text(content: bytes) -> LogTable:
 def _heading(
     lines: list[str], style: _Style, is_numbered: bool = False, todo: str = ""
 ) -> tuple[list[str], dict[str, str]]:
-    """Return the columns' names (empty without a heading) and units, in brackets or a second line, from `lines`.
+    """Return the columns' names, and units by name, from the `lines` above the numbers (empty without a heading).
 
-    With `is_numbered`, the first column needs no name, as in R. ValueError: names are missing; `todo` says what to do.
+    Units are in brackets or a second line. With `is_numbered`, the first column, of row numbers, needs no name.
+    ValueError: names are missing; `todo` says what to do.
     """
     bare = [line.strip(_COMMENT if style.delimiter != ";" else "#%/ \t") for line in lines]
     if style.delimiter is None:
@@ -267,7 +268,7 @@ def _heading(
 
 
 def _of_arrays(arrays: dict[str, np.ndarray]) -> LogTable:
-    """Return the table in arrays of one length: vectors, matrices with a column (or row) per joint, and records."""
+    """Return a table of arrays of equal length: vectors, matrices with a column (or row) per joint, and records."""
     flat: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         fields = [(f"{name} {field}".strip(), array[field]) for field in array.dtype.names or ()]

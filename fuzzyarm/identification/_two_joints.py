@@ -70,7 +70,7 @@ class Stages:
         """Adopt the result of a stage; `untold` names parameters of the rigid arm that the logs do not determine.
 
         `is_elastic`: with springs; `is_sticking`: with exact sticking. If not searched for, the ratio of static to
-        Coulomb friction keeps its start value, as does the inertia of rotor 1 if plausible.
+        Coulomb friction keeps its start value, as does the inertia of rotor 1 if plausible beside that of link 1.
         """
         theta = found.theta.copy()
         if is_sticking:
@@ -92,7 +92,7 @@ class Stages:
 def estimated(
     logs: Sequence[Log], start: ArmParameters, stribeck: bool, advance: Callable[[], None] = lambda: None
 ) -> Stages:
-    """Return the results of the stages for the logs of one arm; see the docstring of the module.
+    """Return the results of the stages for the logs of one arm, see the module's docstring.
 
     Args:
         logs: logs of both motors.
@@ -155,7 +155,10 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         return found
 
     def held_out(found: Fit, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
-        """Return the joints' rms errors (2,) [rad], each group predicted with `found` refitted to the other `parts`."""
+        """Return the joints' rms errors (2,) [rad], each group predicted with `found` refitted to the other groups.
+
+        `parts` are the windows to refit to; `arm` is as for `fitted`.
+        """
         errors = []
         for group in range(dealt.groups):
             others, own = dealt.chosen(parts, group, inside=False), dealt.chosen(predicted, group, inside=True)
@@ -245,7 +248,10 @@ def _rigid_numbers(arm: ArmParameters) -> np.ndarray:
 
 
 def _matrix(names: Sequence[str], of: dict[str, dict[str, float]]) -> np.ndarray:
-    """Return T (17, P) of `Search`: an unknown is the parameter of its name, or sets those in `of[name]` by factors."""
+    """Return T (17, P) of `Search` for P names of unknowns.
+
+    An unknown is the parameter of its name, unless `of[name]` lists the parameters that it sets, with factors.
+    """
     T = np.zeros((len(UNKNOWNS), len(names)))
     for column, name in enumerate(names):
         for parameter, factor in of.get(name, {name: 1.0}).items():
@@ -258,7 +264,7 @@ def _rigid_search(
 ) -> Search:
     """Return the search for the rigid arm, with the start as a prior for all parameters except friction.
 
-    `friction` (4,) contains scales, the joints' viscous [N m s/rad], then dry friction [N m]; `ratio` is the ratio of
+    `friction` (4,) is the scale of the joints' viscous [N m s/rad], then dry friction [N m]; `ratio` is the ratio of
     static to Coulomb friction of each joint. With `stribeck`, static minus Coulomb friction is also unknown.
     """
     names, z, share = [*_RIGID_NAMES, *(_RISES if stribeck else ())], _rigid_numbers(start), rotor_share(start)
@@ -290,7 +296,10 @@ def _rigid_search(
 
 
 def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
-    """Return the search that includes rotors, springs and dampers; prior: `arm`, friction with σ = `friction` (4,)."""
+    """Return the search that includes rotors, springs and dampers, with `arm` as a prior.
+
+    `friction` (4,) is its standard deviation of the joints' viscous [N m s/rad], then dry friction [N m].
+    """
     names = [one.name for one in UNKNOWNS if one.field not in ("static_friction", "stribeck_velocity")]
     theta, ratio = start_of(arm), static_ratio(arm)
     of = {f"coulomb_friction[{k}]": {f"coulomb_friction[{k}]": 1.0, f"static_friction[{k}]": ratio[k]} for k in (0, 1)}
@@ -323,7 +332,7 @@ def _stiffened(arm: ArmParameters) -> ArmParameters:
 
 
 def _without_static(theta: np.ndarray) -> np.ndarray:
-    """Return θ with static friction equal to Coulomb friction, as in the rigid stage."""
+    """Return the parameters θ (17,) with static friction equal to Coulomb friction, as in the rigid stage."""
     found = theta.copy()
     for joint in (0, 1):
         found[_PLACES[f"static_friction[{joint}]"]] = theta[_PLACES[f"coulomb_friction[{joint}]"]]

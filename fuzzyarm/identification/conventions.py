@@ -5,9 +5,9 @@ A set of conventions is a reading of the log, with the misfit
 
     J² = min over π of (Σ |(Γ - Y π) / s|² + Σ_k ((π_k - π_0k) / σ_k)²) / Σ |Γ / s|²
 
-where s is a share of the largest torque, σ_k a standard deviation, and `_rigid` defines Y and π. Readings with one
+where s is a share of the largest rms torque, σ_k a standard deviation, and `_rigid` defines Y and π. Readings with one
 or two changes are compared. Each change must lower J by a minimum share; the best reading is reported only if its J is
-below `_SPOKEN` times the J without changes. A new scale of the torques alone is tried only for several logs.
+below `_SPOKEN` times the J without changes. A change of the torques' scale alone needs several logs.
 """
 
 import dataclasses
@@ -99,7 +99,7 @@ class Diagnosis:
         return bool(self.reading.words)
 
     def sentence(self) -> str:
-        """Return a sentence on the likely reading, the misfits without and with it, and its rivals."""
+        """Return a sentence: the likely conventions, the misfits without and with them, and others that fit as well."""
         more = "; ".join(
             f"{' and '.join(one.words) or 'the log as it is'} ({misfit:.2g})" for one, misfit in self.rivals
         )
@@ -142,7 +142,10 @@ def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] =
 
 
 def _readings(gear: tuple[float, ...], several: bool) -> Iterator[Reading]:
-    """Yield the log as it is, then readings with one or two changes; only `several` logs allow new torque scales."""
+    """Yield the reading without changes, then those with one or two.
+
+    `gear` is as for `diagnosed`. Only `several` logs allow a change of the torques' scale alone.
+    """
     one, degree = (1.0, 1.0), math.pi / 180.0
     already = "seem to be on the joint's side of the gears even without --gear"
     units = [("", one, one), ("the angles seem to be in degrees", (degree, degree), one)]
@@ -194,7 +197,10 @@ class _Thinned:
 def _misfit(
     data: Sequence[_Thinned], reading: Reading, start: ArmParameters, largest: float
 ) -> tuple[float, float, float]:
-    """Return (1) J, (2) the root of the unexplained share of Σ |Γ / s|², (3) this sum; s is a share of `largest`."""
+    """Return (1) the misfit J, (2) the root of the unexplained share of Σ |Γ / s|², (3) this sum.
+
+    s is a share of `largest`, the largest rms torque [N m].
+    """
     normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
     for one in data:
         q, dq, ddq = (reading.of_angles(part, order) for order, part in enumerate(one.parts))
@@ -209,7 +215,10 @@ def _misfit(
 
 
 def _constrained(normal: np.ndarray, slope: np.ndarray, total: float, known: np.ndarray) -> tuple[float, float]:
-    """Return the first two results of `_misfit`, given normal equations (9, 9), (9,) for π, Σ |Γ / s|² and π_0 (5,)."""
+    """Return the first two results of `_misfit`, given the normal equations `normal` (9, 9) π = `slope` (9,).
+
+    `total` is Σ |Γ / s|², and `known` is π_0 (5,).
+    """
     floor = _LEAST * known[[0, 4, 0, 0, 4]]
     weight = 1.0 / np.maximum(_KNOWN * known, np.maximum(floor, 1e-9)) ** 2
     damped, right = normal.copy(), slope.copy()

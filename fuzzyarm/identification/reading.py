@@ -91,7 +91,7 @@ def read_log(
 
     Raises:
         ValueError: the format of the file is unknown, or a column is missing, ambiguous, without numbers or in an
-            unknown unit; the message states the cause and a remedy.
+            unknown unit.
         OSError: the file cannot be read.
     """
     path = checks.path_of("path", path)
@@ -169,7 +169,7 @@ def _roles_of(table: LogTable, given: dict[str, str]) -> dict[str, int]:
 
 
 def _check_times(table: LogTable, roles: dict[str, int], is_given: bool) -> None:
-    """Prefer a time column named stamp unless one `is_given`; ValueError if time columns with the same words differ."""
+    """Set the time in `roles` to a column named stamp unless one `is_given`; ValueError if time1, time2, ... differ."""
     words = {k: re.findall(r"[^\W\d_]+", name.lower()) for k, name in enumerate(table.names if table.headed else ())}
     every = [k for k, one in words.items() if one and _KIND.get(one[-1]) == "time" and not {"des", "ref"} & set(one)]
     if "time" not in roles or len(every) < 2:
@@ -327,7 +327,7 @@ def _pieces(
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
 def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
-    """Return an angle (N,) without jumps by `turn`, by 360 or, in whole numbers, a power of two; remark on them."""
+    """Return an angle (N,) without jumps by `turn`, 360 or, for whole numbers, a power of two; a remark names it."""
     steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
     span = np.ptp(angle) / (1.0 + _WRAPPED)
     for size in (turn, 360.0, *counters):
@@ -343,10 +343,10 @@ def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) ->
 
 @np.errstate(over="ignore", invalid="ignore")
 def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[str], remarks: list[str]) -> np.ndarray:
-    """Return the mask (N,) of rows with a stray angle or torque, (N, n) each, in any unit; remark on them by `names`.
+    """Return the mask (N,) of rows with a stray angle or torque, (N, n) each, in any unit; `names` are for remarks.
 
-    A stray torque differs from the running median by many times the largest running median; a stray angle differs from
-    its running median by far more than the steps nearby. ValueError: too many rows have a stray value.
+    A stray value differs from the running median: a torque by many times the largest running median, an angle by far
+    more than the steps nearby. ValueError: too many rows have a stray value.
     """
     middle = median_filter(torque, (_NEAR, 1))
     lasting = np.maximum(np.abs(middle).max(axis=0), np.quantile(np.abs(torque), _USUAL, axis=0))
@@ -396,7 +396,7 @@ def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.n
 
 
 def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return times [s] and signals of each part between gaps, without short parts and rows that go back in time."""
+    """Return (times [s], signals) of the long parts between gaps, without rows back in time; remark on the others."""
     steps = np.diff(time)
     longest = max(_GAP * float(np.median(steps[steps > 0.0])), _LEAST_GAP)
     gaps = np.flatnonzero(np.abs(steps) > longest) + 1
@@ -426,7 +426,10 @@ def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tupl
 def _even(
     stamps: np.ndarray, lines: np.ndarray, torque: np.ndarray, delay: float, remarks: list[str]
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the period [s], `lines` (N, m) at even instants, and mean torques (N, n) of the periods, `delay` later."""
+    """Return the period [s], and `lines` (N, m) and mean torques (N, n) at instants one period apart.
+
+    A mean is over the period that begins `delay` [s] after the instant. Uneven stamps get a remark.
+    """
     steps = np.diff(stamps)
     period = float(np.median(steps))
     uneven = np.abs(steps - period) > _EVEN * period

@@ -57,9 +57,9 @@ class PortLayout(enum.Enum):
 
 
 class _Writer:
-    """The writer of the whole text, that of a function that receives a job and computes its arms group by group.
+    """The writer of the LLVM text of a function that receives a job and computes its arms in groups of `width`.
 
-    Each method adds lines, and some return the name of the result.
+    Each method adds lines, and some return the name of what these compute.
     """
 
     def __init__(self, program: Program, layouts: Sequence[PortLayout], width: int, *, repeated: bool) -> None:
@@ -105,7 +105,7 @@ class _Writer:
         return f"splat ({kind} {text})" if self.width > 1 else text
 
     def spread(self, out: str, kind: str, one: str) -> None:
-        """Write the vector `out`, with the number `one` in each entry."""
+        """Write the vector `out`, in which each entry is the number `one` of the LLVM type `kind`."""
         vector = f"<{self.width} x {kind}>"
         first = self.new(f"insertelement {vector} poison, {kind} {one}, i64 0")
         self.put(f"{out} = shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
@@ -170,7 +170,7 @@ class _Writer:
         return text
 
     def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
-        """Return the pointer to an entry of a table, or of an array for the whole group; its index is as in `place`."""
+        """Return the pointer to an entry of `memory`, such as "table0"; its index is as in `place`."""
         key = memory, constant, tuple(sorted(terms))
         for held in reversed(self.places):
             if key in held:
@@ -213,7 +213,7 @@ class _Writer:
         return self.new(f"mul nsw {self.word} {row}, {self.splat('i64', str(table.columns))}")
 
     def entry(self, one: Symbol, out: str) -> None:
-        """Write the load of an entry of a table's row into `out`; the column may depend on indices of loops."""
+        """Write the load of an entry of a table's row, with the result `out`; the column may depend on loops."""
         table, constant, terms = one.detail
         first, column = self.first_of_row(table, one.operands[0]), self.place(constant, terms)
         if self.width > 1:
@@ -292,7 +292,7 @@ class _Writer:
     def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
         """Write a loop over k = 0, ..., count - 1 around the lines of the block; yield a list for the carried numbers.
 
-        For each, the block must add its LLVM type, name inside, value before the loop and value after an iteration.
+        For each of these, the block must append (LLVM type, name in the loop, first value, value after an iteration).
         """
         carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
@@ -375,7 +375,7 @@ class _Writer:
         return pointers
 
     def beginnings(self) -> None:
-        """Write the offsets %off at which the group's arms begin in each port."""
+        """Write the offsets %off0, %off1, ... at which the group's arms begin in the arrays of the ports."""
         for port, (layout, numbers) in enumerate(zip(self.layouts, self.program.ports, strict=True)):
             if layout is PortLayout.BLOCKS:
                 block = self.new(f"and i64 %g, {-WIDE}")
@@ -402,13 +402,16 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
     def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
-        """Return the type of pointers to a port's numbers, and the LLVM function that moves them for some arms only."""
+        """Return a port's type of pointers, and the LLVM function that loads or stores numbers for some arms only.
+
+        It is `of_rows` (gather or scatter) for `ROWS`, else `of_columns` (load or store).
+        """
         if self.layouts[port] is PortLayout.ROWS:
             return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
         return "ptr", f"masked.{of_columns}{self.suffix}.p0"
 
     def take(self, port: int, k: Any, _: Any, out: str) -> None:
-        """Write the load of number k of a port, for each arm of the group, into `out`."""
+        """Write the load of number k of a port, for each arm of the group, with `out` as the name of the result."""
         pointer = self.pointer(port, str(k))
         if self.width == 1 or self.layouts[port] is PortLayout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
@@ -430,7 +433,7 @@ class _Writer:
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
     ) -> None:
-        """Load or store each number by `one`, but by `rows` those of ports in `ROWS` if the group has several arms."""
+        """Load or store each number by `one`; if the group has several arms, all those of `ROWS` at once by `rows`."""
         in_rows = [self.width > 1 and self.layouts[port] is PortLayout.ROWS for port, *_ in numbers]
         for number, is_in_rows in zip(numbers, in_rows, strict=True):
             if not is_in_rows:
@@ -451,7 +454,7 @@ class _Writer:
         return blocks
 
     def take_rows(self, wanted: Sequence[_Number]) -> None:
-        """Write the loads of numbers of ports in `ROWS`: whole rows if the group is full, else one by one."""
+        """Write the loads of `wanted`, numbers of ports in `ROWS`: whole rows if the group is full, else one by one."""
         found = {}
 
         def one_by_one() -> None:
@@ -468,7 +471,10 @@ class _Writer:
             self.put(f"{name} = phi {self.real} [ {name}.few, %{few} ], [ {found[port, k]}, %{whole} ]")
 
     def give_rows(self, given: Sequence[_Number]) -> None:
-        """Write the stores of numbers of ports in `ROWS`: whole rows if the group is full and all of a row changes."""
+        """Write the stores of `given`, numbers of ports in `ROWS`.
+
+        If the group is full, rows that change as a whole are stored as such, other numbers one by one.
+        """
 
         def one_by_one() -> None:
             for number in given:
@@ -497,7 +503,7 @@ class _Writer:
         return found
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
-        """Copy `count` numbers of a port, from `first` on, to `place` in the group's memory; if `back`, from there."""
+        """Copy `count` numbers of a port, from `first` on, to `place` in the group's memory; if `back`, vice versa."""
         with self.counted(k := f"%k{self.blocks}", str(count)):
             own = self.room(self.new(f"add i64 {k}, {place}"))
             number = self.new(f"add i64 {k}, {first}")
@@ -580,7 +586,10 @@ class _Writer:
         return "\n".join([*sorted(self.declared), head, *self.lines, "}", tail, ""])
 
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
-        """Write a loop over steps; between steps inputs `taken` and outputs `changed` stay in the group's memory."""
+        """Write a loop over time steps, between which inputs `taken` and outputs `changed` stay in the group's memory.
+
+        `changed` contains (port, index in the port, index among all numbers).
+        """
         for _, _, place, name in taken:
             self.put(f"store {self.real} {name}, ptr {self.room(place)}, align 8")
         before, at = self.here, len(self.lines) + 2

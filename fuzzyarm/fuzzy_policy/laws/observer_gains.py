@@ -150,7 +150,10 @@ def _observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weig
 def gain_tables(
     arm: AnyArm, control_period: float, weights: ObserverWeights
 ) -> tuple[GainSchedule, np.ndarray, np.ndarray]:
-    """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError if there are no gains."""
+    """Return the schedule, and for its points the gains K (points, n, 4 n) and L (points, 5 n, 2 n).
+
+    ValueError if there are no gains for this control period [s].
+    """
     schedule = schedule_of(arm)
     given: Any = arm, control_period, schedule.inertia, weights
     feedback, observer = (
@@ -240,7 +243,7 @@ def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]
 
 
 def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
-    """Return the mass matrices (places, n, n) [kg m²] at the points of the gain tables nearest to the postures."""
+    """Return, for each place, the mass matrix at the nearest point of the gain tables, (places, n, n) [kg m²]."""
     schedule = schedule_of(robot)
     return np.array([nearest_inertia(schedule, place.q) for place in places])
 

@@ -87,7 +87,7 @@ class TipPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, law: Any) -> Any:
-    """Return a `Law.act` that calls `law`, another one, for the motor angles θ_d and with the feedforward u_ff."""
+    """Return a `Law.act` that calls `law`, a wrapped `Law.act`, for θ_d, and replaces its feedforward by u_ff."""
     target = target_of(physics)
 
     def tip(memory: tuple[Any, Past], seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:

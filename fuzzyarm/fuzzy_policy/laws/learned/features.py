@@ -1,10 +1,11 @@
 """The features of a learned policy: functions of the observation and of a memory.
 
-At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and the action a in [-1, 1]ⁿ,
+At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and the action a, in [-1, 1] for each joint,
 
     f_k = (s(e_k/E), s(ė_k/V), q_d, q̇_d/D, q̈_d/A, s(e_(k-1)/E), ..., s(e_(k-n)/E), a_(k-1), ..., a_(k-m), s(x_k/X))
 
-with s(x) = asinh(x)/c, which is linear for small errors and compresses large ones, and the leaky integral
+with scales E, V, D, A, X and U, s(x) = asinh(x)/c, which is linear for small errors and compresses large ones, and the
+leaky integral
 
     x_(k+1) = (x_k + T e_k) exp(-T/τ).
 
@@ -117,7 +118,7 @@ class Features:
         )
 
     def command(self, memory: _Remembered, torque: Any) -> _Remembered:
-        """Return the memory with its newest excess torque, clipped `torque` (n,) [N m] minus u_ff."""
+        """Return the memory with a new newest excess torque: `torque` (n,) [N m], clipped to its limits, minus u_ff."""
         if not memory.excess:
             return memory
         parts = zip(torque, self._limit, memory.feedforward, strict=True)
@@ -126,7 +127,7 @@ class Features:
 
 
 def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int:
-    """Write numbers, or their asinh over `squashed` if not 0, into an array from index `at`; return the next index."""
+    """Write numbers x, or asinh(x) / `squashed` if that is not 0, into `out` from index `at`; return the next index."""
     for k, number in enumerate(numbers):
         out[at + k] = number
     if squashed:
@@ -138,8 +139,8 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
 def guided(base: Policy | None, name: str | None = None, *, beside: bool = False) -> Law:
     """Return the law ``act(memory, seen, told, constants, *tables)`` that shifts a base policy's target by `told`.
 
-    `told` is scale · a (n,): the torque, if there is no base. If `beside` is true, it is added to the base's torque,
-    and the target stays. ValueError if the base, called `name`, has no law.
+    `told` (n,) is a scaled action: angles [rad], or without a base the torque [N m]. If `beside` is true, it is a
+    torque added to the base's, and the target stays. ValueError if the base, called `name`, has no law.
     """
     if base is None:
         return Law(lambda memory, seen, told, given: (memory, told), (), ())
@@ -162,7 +163,7 @@ def guided(base: Policy | None, name: str | None = None, *, beside: bool = False
 
 
 class FeatureLanes:
-    """Features of many lanes, and the guided base if there is one, as stepped by a training run."""
+    """The features of many lanes, and the law that turns their actions into torques, see `guided`."""
 
     def __init__(self, features: Features, base: Law) -> None:
         d = features.definition
@@ -186,7 +187,7 @@ class FeatureLanes:
         self._size, self._given = features.size, constants_array(base)
 
     def see(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return the features (lanes, size) for observations (lanes, 5 n) and the memory of the features."""
+        """Return the features (lanes, size) for observations (lanes, 5 n) and their `memory` (lanes, memory_size)."""
         out = np.empty((len(observation), self._size))
         self._see((memory, observation, out), np.empty(0))
         return out
@@ -194,7 +195,7 @@ class FeatureLanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Advance both memories by actions a (lanes, n); replace scale · a in `torque` (lanes, n) by torques [N m]."""
+        """Replace scaled actions in `torque` (lanes, n) by torques [N m]; advance `memory` and the base's, `held`."""
         self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 

@@ -3,10 +3,10 @@
     h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
 where s is tanh or max(x, 0), and o is tanh or clips to ±1. PPO trains a Gaussian policy, with its mean from the last
-layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean and is deterministic.
+layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean.
 
 tanh, the logistic function and asinh are computed from +, -, *, / and the square root, which IEEE 754 rounds correctly,
-not by the C library, whose last digits differ between machines. A policy then gives the same values everywhere.
+not by the C library, whose last digits differ between machines.
 
 A recurrent network has a long short-term memory (`cell`) in front of these layers, as in torch and
 stable-baselines3-contrib. The output h of the cell is then h_0. With the normalised features
@@ -230,7 +230,7 @@ class Network:
         return Cells((2 * self.cell.hidden,)) if self.cell is not None else ()
 
     def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:
-        """Return the action from features, an array (inputs,); `memory` of a recurrent network changes in place."""
+        """Return the action for `features` (inputs,), given the property `tables`; a cell changes `memory` in place."""
         mean, std, *layers = tables
         before, sizes = array(len(mean)), self.sizes
         for k in each(len(mean)):

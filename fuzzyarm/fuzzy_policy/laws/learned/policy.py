@@ -21,7 +21,7 @@ class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next, the torque is u(t) = scale · a_k, with a_k smoothed as in `ActionDefinition`.
-    With a base it is u(t) = u_base(t), with the base's target shifted by scale · a_k. The state contains the number of
+    With a base it is the base's torque for a target shifted by scale · a_k. The state contains the number of
     calls since the action was computed, the action, and the memories of features, base and recurrent network.
     """
 
@@ -38,7 +38,7 @@ class LearnedPolicy(LawPolicy):
 
         The control period [s] must divide the action period. `base` is the policy that ``bundle.action.base`` names,
         for the same control period. `friction` says whether the unloaded arm's torque in the features, if any, includes
-        dry friction. ValueError if the periods do not fit, or if the base is missing, superfluous, or for another one.
+        dry friction. ValueError if the periods do not fit, or the base is missing, superfluous or for another period.
         """
         self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)
