@@ -1,7 +1,7 @@
 """Products and solutions of small linear systems, bit for bit the same on every processor.
 
 A linear algebra library selects its kernels by processor, and these round in different orders. Here every number is
-computed by +, -, * and / in one order, which IEEE 754 rounds correctly. Matrices may have leading axes.
+computed in one fixed order by +, -, * and /, which IEEE 754 rounds correctly. Leading axes list matrices.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def solved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a⁻¹ b for a (..., n, n) and b (..., n, columns), by elimination with pivots; nan where a is singular."""
+    """Return a⁻¹ b for a (..., n, n) and b (..., n, columns), by pivoted elimination; inf or nan if a pivot is 0."""
     n, columns = a.shape[-1], a.shape[-1] + b.shape[-1]
     both = np.concatenate([a, np.broadcast_to(b, (*a.shape[:-1], b.shape[-1]))], axis=-1)
     rows = both.reshape(-1, n, columns)

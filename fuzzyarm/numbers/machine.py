@@ -68,9 +68,9 @@ class Call:
 
 
 class _Known:
-    """A kernel's machine code, and those of its arguments that the shapes of arrays, constants and tables determine.
+    """A kernel's machine code, and its arguments that follow from the shapes of arrays, constants and tables.
 
-    `apart` lists the distance between rows of each array, in numbers, then the number of rows of each table.
+    `apart` lists by how many numbers the rows of each array are apart, then the number of rows of each table.
     """
 
     def __init__(
@@ -88,13 +88,13 @@ class _Known:
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
     def job(self, steps: int, places: Iterable[int]) -> bytes:
-        """Return the packed argument of the code: first arm, last arm + 1, steps, addresses `places`, then `apart`."""
+        """Return the code's packed argument: first arm, last arm + 1, steps, arrays' addresses `places`, `apart`."""
         return self._pack(0, self.arms, steps, *places, *self._apart)
 
     def run(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray], steps: int
     ) -> None:
-        """Run the machine code for every arm, `steps` times, in place."""
+        """Run the machine code for every arm, `steps` times, in place; other arguments as for `Kernel.bound`."""
         places = self._places
         if constants is not self.constants or tables is not self.tables:
             places = [_address(array) for array in (constants, *tables)]
@@ -106,10 +106,10 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 
 
 class Kernel:
-    """A program that runs on arrays in place, by default in layout `ROWS`; with several steps per call if `repeated`.
+    """A program that runs on arrays in place; if `repeated`, a call can run several steps.
 
-    Few arms are run one after the other, many in groups of `WIDE`, or of `EIGHT` if the program is long. Machine code
-    is compiled when it is first needed.
+    `layouts` has the layout of each port's array, by default `ROWS`. A few arms are computed one by one, many in groups
+    of `WIDE`, or of `EIGHT` if the program is long. Machine code is compiled when it is first needed.
     """
 
     def __init__(self, program: Program, layouts: Sequence[PortLayout] = (), *, repeated: bool = False) -> None:
@@ -223,7 +223,7 @@ class _Code:
 
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
-    """Return the machine code of an LLVM text for `width` arms at once, from its file, or compiled and put there."""
+    """Return the machine code of an LLVM text for `width` arms at once, from the cache folder, or compiled into it."""
     level = 1 if width > 1 else 2  # LLVM's optimisation level
     _initialise()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

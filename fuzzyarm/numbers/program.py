@@ -97,7 +97,10 @@ class Program:
 
     @contextlib.contextmanager
     def within(self, *, loop: bool = False) -> Iterator[Region]:
-        """Record into a new region within the current one; the caller must add the region to the items afterwards."""
+        """Record into a new region within the current one, and yield it; `loop`: whether it is a loop's body.
+
+        The caller must then add it to the items of the outer region.
+        """
         outside, self.now = self.now, Region(self.now, loop=loop)
         try:
             yield self.now
@@ -111,7 +114,10 @@ class Program:
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
 
     def moved(self, operation: str, detail: Any) -> Symbol:
-        """Record, at this place, an operation that depends on earlier writes, and return its symbol; none is reused."""
+        """Record an operation, with `detail` as in `Symbol`, and return its symbol.
+
+        It depends on earlier writes, so it stays at this place, and no equal one is reused.
+        """
         symbol = Symbol(self, operation, (), self.now, detail=detail)
         self.now.items.append(symbol)
         return symbol

@@ -117,8 +117,8 @@ class Index:
 class Array:
     """Entries of an arm, or of a table, that are read and written by index while a function is recorded.
 
-    They lie in `memory` from `first`, an `Index`, on: in "room" (the ports' numbers), "table0", ..., or "array0", ...
-    (the program's own arrays). Neighbours along an axis of the shape are `steps` apart, by default in row-major order.
+    `memory` is "room" (the ports' numbers), "table0", ..., or "array0", ... (the program's own arrays); the entries
+    begin at its place `first`. `steps` are the distances of neighbours along each axis, by default in row-major order.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region run `count` times, and the numbers that it carries: before, at the start and end of a run, and after."""
+    """A region repeated `count` times; its carried numbers before it, at an iteration's start and end, and after it."""
 
     count: Any
     region: Region

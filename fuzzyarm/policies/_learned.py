@@ -30,7 +30,7 @@ def _bundle(folder: Path) -> PolicyBundle | EstimateBundle:
 
 
 def learned_files(folder: Path) -> dict[str, str]:
-    """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base."""
+    """Return the SHA-256, by file name, of a learned policy's ``policy.json``, and of the files of its base policy."""
     own, bundle = {DESCRIPTION: file_digest(folder / DESCRIPTION)}, _bundle(folder)
     base = bundle.action.base if isinstance(bundle, PolicyBundle) else None
     # Loading the policy refuses a base without a known name.

@@ -122,7 +122,7 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
 
 
 def _axes(tensors: dict[str, np.ndarray], name: str) -> tuple[int, ...]:
-    """Return the numbers of axes of the weight and the bias of the layer `name`; a missing array is left out."""
+    """Return the `ndim` of the arrays `name` + "weight" and `name` + "bias", as far as there are such arrays."""
     return tuple(tensors[name + part].ndim for part in ("weight", "bias") if name + part in tensors)
 
 

@@ -30,7 +30,7 @@ HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
 
 
 class Declared(NamedTuple):
-    """The declaration of a policy, in words."""
+    """The declaration of a policy, in words: its tuning, and what it knows, sees and remembers."""
 
     objective: str  # the quantity that its tuning minimised
     tuned_on: str  # motions, plants and loads of its tuning
@@ -191,7 +191,7 @@ def declared_by_name(name: str) -> Declared | None:
 
 
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:
-    """Return the declaration of a policy without the additions for the suffix `TIP` and for passes."""
+    """Return the declaration of a policy without what `declared`, called with the same arguments, adds; or None."""
     path = spec.path
     if spec.shield is not None and spec.kind is not Kind.CODE:
         base, guest = declared(spec.shield.law), declared(spec.shield.guest)

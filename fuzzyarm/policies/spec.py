@@ -85,7 +85,8 @@ class PolicySpec:
     def label(self) -> str:
         """The label of the policy in tables and figures: its name, or its file's name without folder and ``.json``.
 
-        A policy of `fuzzyarm train` is named after the folder of its training run, with ``-best`` for the best policy.
+        A policy of `fuzzyarm train` is named after the folder of its training run, with ``-best`` for the run's
+        best policy instead of the last.
         """
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, LAST
 
@@ -256,7 +257,7 @@ def without_guest(name: str) -> tuple[str, tuple[float, ...]]:
 
 
 def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
-    """Return the spec of `path` in a folder of `fuzzyarm tune`, else None; `name` is `path` and, if `tip`, ``-tip``."""
+    """Return the spec of `path` in a folder of `fuzzyarm tune`, else None; `name` is `path`, plus ``-tip`` if `tip`."""
     from fuzzyarm.policies.tuned import is_tuned
 
     if path.parent == Path() or not is_tuned(path.parent):

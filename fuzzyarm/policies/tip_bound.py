@@ -48,17 +48,17 @@ class TipClaim:
     """The law, motion and set of plants for which a bound is claimed.
 
     Attributes:
-        policy: name of the policy; a guest in a shield becomes any guest, for which the same proof holds.
+        policy: name of the policy; a guest in a shield is replaced by `ANY_GUEST`, as the proof holds for all.
         case: name of the case, whose payload and tip force act.
         set_name: label of the set for its user, see `check_set_name`; results do not depend on it.
         plants: the set.
         path: one of `_PATHS`.
         duration: duration of the motion [s].
         steps: number of control steps of the motion that are bounded; None for all.
-        laps: "one", or "ever": the motion is repeated endlessly, with its case, and all laps are bounded.
+        laps: "one"; or "ever": motion and case are repeated endlessly, and all laps are bounded.
         start: box of initial states of the first lap, about the environment's start; None: this start alone.
         arm: arm for which the policy is loaded; None: the arm that the policy's name implies.
-        points: given path that replaces `path`.
+        points: a `GivenPath` that replaces `path`, or None.
     """
 
     policy: str
@@ -151,7 +151,7 @@ class _Lap:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TipBound(_Lap):
-    """A proven bound on the tip error: of the first lap, and of later ones."""
+    """Proven bounds on the tip error: of the first lap in the fields of `_Lap`, of others in `later`."""
 
     claim: TipClaim  # the claim for which it is proven
     arm: AnyArm  # the arm in the middle of the set
@@ -160,7 +160,7 @@ class TipBound(_Lap):
 
     @property
     def all_laps(self) -> tuple[_Lap, ...]:
-        """The first lap and the later ones."""
+        """The first lap and the later ones; the last holds for all further laps."""
         return (self, *self.later)
 
     @property
@@ -214,7 +214,7 @@ def plain(name: str) -> str:
 
 
 def arm_in_words(arm: AnyArm) -> str:
-    """Return an arm in words: the arm of Table 1, or its values that differ; a shipped robot's name, or a digest."""
+    """Return an arm in words: values that differ from Table 1; or a robot's name if it is shipped, else a digest."""
     if isinstance(arm, Robot):
         known = next((name for name in shipped_robots() if robot_named(name).digest == arm.digest), None)
         return f"the robot {known}" if known else f"a robot of {len(arm)} joints, numbers {arm.digest[:16]}"
@@ -224,7 +224,7 @@ def arm_in_words(arm: AnyArm) -> str:
 
 
 def own_duration(policy: str, arm: AnyArm | None, path: str, points: GivenPath | None) -> float:
-    """Return the duration [s] of a policy's motion in `fuzzyarm evaluate`, 1.5 s for the circle of Table 1."""
+    """Return a motion's duration [s] in `fuzzyarm evaluate`, along `points` or `path`; of `arm` or the policy's."""
     choice("path", path, _PATHS)
     arm = load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm).parameters
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration
@@ -269,7 +269,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
 
 @contextlib.contextmanager
 def _uncollected() -> Iterator[None]:
-    """Switch off garbage collection, which takes a tenth of a proof's time although a proof makes no cycles."""
+    """Context without garbage collection, which takes a tenth of a proof's time although a proof makes no cycles."""
     enabled = gc.isenabled()
     gc.disable()
     try:

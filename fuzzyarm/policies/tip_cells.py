@@ -1,8 +1,8 @@
 """The division of a set of plants into cells, for each of which a tip bound is proven, on several CPU cores.
 
 A set may be too large for one tube, the enclosure of all its motions. Every plant lies in one of the cells, so the
-largest of their bounds holds for the whole set. The two joints have independent factors, so the range of either joint
-can be divided. A cell without a tube is halved in its widest range, relative to the whole one, until parts have tubes.
+largest of their bounds holds for the whole set. A cell without a tube is halved in its widest range, relative to the
+whole one, until parts have tubes.
 """
 
 import dataclasses
@@ -55,10 +55,11 @@ def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet
 def bounds_of_cells(
     claim: TipClaim, divisions: Sequence[_Division], jobs: int, out: Path | None = None
 ) -> Iterator[list[CellBound]]:
-    """Yield a list per cell of the claim's set: its bound, or the bounds of its parts; `jobs` processes compute them.
+    """Yield, for each cell of the claim's set, a list: the cell's bound, or the bounds of its parts.
 
-    With `out`, each bound is written to a file in its folder: ``NAME-001.json`` and so on for ``NAME.json``. `NoBound`
-    if a cell has no bound; the message names the cell.
+    `divisions` are pairs: the name of a range of the set, and the number of its parts. `jobs` processes compute the
+    bounds. With `out`, each bound is written to a file in its folder: ``NAME-001.json`` and so on for ``NAME.json``.
+    `NoBound` if a cell has no bound; the message names the cell.
     """
     tasks = [dataclasses.replace(claim, plants=cell, set_name="cell") for cell in cells(claim.plants, divisions)]
     names = [name for name, _ in divisions]

@@ -95,7 +95,7 @@ class _Part:
 
 @dataclasses.dataclass(frozen=True)
 class _Begin:
-    """The set of states in which a later lap begins, in the file."""
+    """The set of states in which a later lap begins, as in the file; for its fields, see the module."""
 
     centre: list[float]
     memory: list[float]
@@ -132,7 +132,7 @@ class _Begin:
 
 @dataclasses.dataclass(frozen=True)
 class _LapDocument:
-    """A lap after the first in the file."""
+    """A lap after the first, as in the file; for its fields, see the module."""
 
     begin: _Begin
     tip: list[float]
@@ -242,7 +242,7 @@ class BoundCheck:
         return named | found | ({} if self.cells is None else {"cells": self.cells})
 
     def to_text(self) -> str:
-        """Return the result as text."""
+        """Return the outcome as text."""
         head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
         text = f"{head}\n  {plain(self.claim.policy)}: {self.sentence}"
         return text if self.proven else f"{text}\n  {escaped(self.reason)}"
@@ -277,7 +277,7 @@ def _parts(steps: Sequence[TubeStep]) -> list[list[_Part]]:
 
 
 class CellBound(NamedTuple):
-    """The bound of one cell."""
+    """A proven bound on the tip error for all plants of a cell, which is a part of a set."""
 
     plants: PlantSet  # the cell
     bound: float  # bound on the tip error [m]
@@ -286,7 +286,7 @@ class CellBound(NamedTuple):
 
 
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
-    """Write the file of a cell-wise bound, atomically; each cell has a file of its own in the same folder."""
+    """Write the file of a bound by cells atomically: `claim`, and the names of the cells' files in the same folder."""
     names = [cell.path.name for cell in found if cell.path is not None]
     bound, samples = max(cell.bound for cell in found), found[0].samples
     document = _CellsDocument.of(claim, schema=_CELLS_SCHEMA, bound=bound, samples=samples, cells=names)
@@ -294,7 +294,7 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 
 
 def is_bound(path: Path) -> bool:
-    """Return whether a file begins like a bound's file, single or by cells, of any version; OSError if unreadable."""
+    """Return whether a file begins with a schema of tip bounds, of any version; OSError if it cannot be read."""
     with open_regular(path) as file:
         begin = file.read(64)
     return any(schema.rpartition("/")[0].encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
@@ -362,7 +362,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
 
 
 def _claimed_bounds(lap: _Document | _LapDocument) -> np.ndarray:
-    """Return a lap's claimed tip errors at samples and during steps (2, samples) [m], with a margin for rounding."""
+    """Return a lap's claimed bounds on the tip error at samples and during steps (2, samples) [m], with a margin."""
     return finite_array("tip, whole", [lap.tip, lap.whole], (2, len(lap.tip)), largest=_LARGEST) * _ROUNDING
 
 
@@ -384,7 +384,7 @@ def _check_cells(path: Path, content: Any) -> BoundCheck:
 
 
 def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
-    """Return why a bound by cells is not proven, given the checks of its cells; empty if it is proven."""
+    """Return why the checks of all cells, `found`, do not prove the claim with this bound [m]; empty if they do."""
     ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
     for cell in found:
         whole = dataclasses.replace(

@@ -88,7 +88,7 @@ def largest_motion(reference: JointReference) -> np.ndarray | None:
 
 
 class _Bound:
-    """The search for the largest ρ̄_j (see the module) over intervals of t/T, T the duration, with exact float ends."""
+    """The search for the largest ρ̄_j (see the module) over intervals of t/T with exact ends, T the duration."""
 
     def __init__(self, rows: list[tuple[int, list[list[arb]]]], reference: JointReference, sampled: np.ndarray) -> None:
         self.reference, self.rows = reference, rows  # rows: for each y, its order and w_ij of both joints
@@ -96,7 +96,7 @@ class _Bound:
         self.attained = [arb(value) for value in sampled.tolist()]  # only decides when to stop
 
     def largest(self) -> np.ndarray:
-        """Return bounds (2,) on the largest ρ̄_j of both joints, in the unit of the signals g; inf if none was found."""
+        """Return a bound (2,) on each joint's largest ρ̄_j, in the unit of the signals g; inf if none was found."""
         size = 1.0 / _FIRST
         heap = [self._entry((k + 0.5) * size, 0.5 * size) for k in range(_FIRST)]
         heapq.heapify(heap)
@@ -121,7 +121,7 @@ class _Bound:
         return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
-        """Return ρ̄_j at the midpoint (motion `start`), and a bound on it within ± `half`, in t/T (motion `ball`)."""
+        """Return ρ̄_j at an instant (motion `start`), and a bound for t/T up to ± `half` from it (motion `ball`)."""
         value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
         for order, rows in self.rows:
             # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints

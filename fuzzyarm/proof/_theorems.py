@@ -206,7 +206,7 @@ def error_phi(
 def _error_uncertainty(
     data: Vertices, tau: Any, P: Any, Q: Any, X: Any, between: list[int]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return Σ τ_l H_lᵀH_l and the dropped premises' block rows, with zero blocks `between` after ē and ē'."""
+    """Return Σ τ_l H_lᵀH_l and the dropped premises' block rows, for ē and ē', then the zero blocks `between`."""
 
     def uncertain(term: Uncertainty) -> list[Any]:
         W_P, W_Q, W_X = (term.W @ matrix[..., PLANT, :] for matrix in (P, Q, X))
@@ -218,7 +218,7 @@ def _error_uncertainty(
 def _with_uncertainty(
     data: Vertices, tau: Any, corner: Any, uncertain: Callable[[Uncertainty], list[Any]]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return `corner` + Σ τ_l H_lᵀH_l and, for each dropped premise l, the block row `uncertain(l)`, zeros, -τ_l I."""
+    """Return `corner` + Σ τ_l H_lᵀH_l and a block row [*uncertain(l), 0, ..., -τ_l I] for each dropped premise l."""
     rows = list[list[Any]]()
     scales = (tau[..., position] for position in range(tau.shape[-1]))
     for scale, term in zip(scales, data.uncertainties, strict=True):

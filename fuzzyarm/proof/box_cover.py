@@ -22,8 +22,7 @@ boxes are treated at a time, in floating point with a bound on every rounding er
 The only assumption is that sines and cosines of the mathematical library are accurate to `_LIBRARY` units in the last
 place. `proven_in_balls` proves the same boxes again in balls, without this assumption: coefficients are exact, sines
 and cosines are balls with outward rounding (FLINT's `arb`), and each control matrix is proven positive definite by
-Gershgorin's theorem on T A Tᵀ, as in `definiteness`. T may be any matrix; it is computed from a Cholesky factor in
-floating point.
+Gershgorin's theorem on T A Tᵀ, as in `definiteness`.
 """
 
 from __future__ import annotations
@@ -149,7 +148,7 @@ def _first_boxes(ranges: np.ndarray) -> np.ndarray:
 def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> tuple[np.ndarray, np.ndarray | None]:
     """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, with at most `most` boxes.
 
-    Return the proven boxes (B, d, 2), lowest and highest angle [rad], and angles (d,) where the proof fails, or None.
+    Return the proven boxes (B, d, 2), (lowest, highest) angles [rad]; and angles (d,) where the proof fails, or None.
     """
     center = ranges.mean(axis=1)
     diagonal = np.diagonal(matrix.at(center))

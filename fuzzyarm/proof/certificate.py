@@ -158,7 +158,10 @@ def controller_statement(controller: Controller) -> str:
 
 
 def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
-    """Return a sentence on the decay of x, from α [1/s] and `largest_growth`'s c² for x and, if given, for e alone."""
+    """Return a sentence on the decay of the errors x, named in words, as exp(-αt), α [1/s].
+
+    `growth` has c² of `largest_growth` for x and, if given, c² for e if only e is initially nonzero.
+    """
     c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
     words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"
     return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| if only e is nonzero initially" * (len(c) > 1)

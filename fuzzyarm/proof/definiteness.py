@@ -93,20 +93,20 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
 
 
 def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
-    """Return a proven bound on the largest eigenvalue of the first `size` rows and columns of matrix⁻¹, else inf."""
+    """Return a bound on the largest eigenvalue of matrix⁻¹'s leading block (size, size); inf without a proof."""
     first = exact(np.diag(np.arange(len(matrix)) < size).astype(float))
     values = np.linalg.eigvalsh(np.linalg.pinv(matrix)[:size, :size])
     return _proven(values, lambda x: exact(matrix) - first / x)
 
 
 def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
-    """Return an x slightly above the last eigenvalue of `values`, with `rest(x)` proven positive definite; else inf."""
+    """Return an x slightly above `values[-1]` with `rest(x)` proven positive definite; inf without a proof."""
     tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
     return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 
 
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a symmetric matrix in floats, scaled to unit diagonal, and its row scale (n,); None if impossible."""
+    """Return D A D with unit diagonal, and the diagonal of D (n,), in floats, for a matrix A; None if not finite."""
     try:
         numbers = np.array(matrix, dtype=np.float64)
     except OverflowError:

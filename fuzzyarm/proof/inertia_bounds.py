@@ -25,7 +25,6 @@ beyond. Constants with
     D_low < D(q_(a+1) ... q_n) < D_high
 
 enclose M̄ between two matrices that depend only on q_2 ... q_a: M_low with D_low in place of D, and M_high with D_high.
-Both steps use matrices of few angles, and nothing is sampled.
 """
 
 import itertools
@@ -54,9 +53,10 @@ def _inertia_at(
 ) -> np.ndarray:
     """Return the inertia D (s, s) of links `first` + 1 to `last`, in exact rationals; s = b + `last` - `first` + m.
 
-    Cosines and sines are those of the links' angles. Link `first` is the base: number 0 is at rest, b = 0; else b = 6,
-    and the first 6 rows and columns of D are for its twist. Links beyond `last` are omitted, m = 0; a `tail`, W (6 + m,
-    6 + m), adds their energy ½ (v, ω, q̇)ᵀ W (v, ω, q̇), (v, ω) the last link's twist, q̇ the rates of m more joints.
+    Cosines and sines are those of the links' angles. Link `first` is the base: link 0 is at rest (b = 0), any other
+    moves (b = 6), with its twist in the first 6 rows and columns of D. Links beyond `last` are left out (m = 0), or a
+    `tail` W (6 + m, 6 + m) adds their energy ½ (v, ω, q̇)ᵀ W (v, ω, q̇), with the twist (v, ω) of link `last` and the
+    rates q̇ of the m joints beyond it.
     """
     joints, moving = robot.joints[first:last], TWIST if first else 0
     size = moving + len(joints) + (0 if tail is None else len(tail) - TWIST)
@@ -154,7 +154,7 @@ def angle_ranges(robot: Robot) -> np.ndarray:
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
-    """Return M̂ = Σ h_r S_r as coefficients (5, ..., 5, n, n) in angles 2 to `split`, from S_r = `inertia` (N, n, n)."""
+    """Return M̂ = Σ h_r S_r, S_r = `inertia` (N, n, n), in the `BASIS` of angles 2 to `split`: (5, ..., 5, n, n)."""
     angles, vertices = split - 1, exact(inertia)
     total: np.ndarray = np.full((BASIS,) * angles + vertices.shape[1:], fmpq(0), dtype=object)
     for rule, S in enumerate(vertices):

@@ -50,7 +50,7 @@ class Bounds(NamedTuple):
 
 
 class InvariantSet(NamedTuple):
-    """The set {V <= level}, invariant while |d| <= disturbance; level, disturbance and start are 0 if there is none."""
+    """The set {V <= level}, which no motion leaves while |d| <= disturbance; without such a set, all numbers are 0."""
 
     level: float  # r
     disturbance: float  # largest |d| [N m] at every instant
@@ -77,7 +77,10 @@ def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
 
 
 def _largest(bounds: Bounds) -> tuple[float, float]:
-    """Return the largest set's level and |d|, rounded down and proven; without one, 0 and the |w| the box allows."""
+    """Return the proven level of the largest invariant set and its largest |d|, rounded down.
+
+    Without one: 0 and the largest |w| for which the box has room.
+    """
     if min(bounds.room) <= 0:
         return 0.0, 0.0
     widest = min(room * room / p for p, room in zip(bounds.spread, bounds.room, strict=True))
@@ -140,7 +143,10 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 
 
 def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
-    """Return {V <= level} for |d| <= d; V <= steepest |e|² if all but e is 0; the strings are for its statement."""
+    """Return the set {V <= level} for |d| <= d, with V <= steepest |e|² where only e is nonzero.
+
+    In words for its statement: `where` it holds, the formula of `V`, and what acts `apart` from d.
+    """
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (
         f"From a set of initial states it does stay in the box, {where}, while |d| <= {at_least(d, 3)} N m at every "

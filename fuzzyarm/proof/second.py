@@ -227,7 +227,7 @@ class _Plant:
         return _upper(self.slope(joint, self.stribeck / arb(2).sqrt())) * _UP
 
     def slopes(self, joint: int, low: float, high: float) -> tuple[float, float]:
-        """Return a lower and an upper bound on F' [N m s/rad] for speeds in [low, high] [rad/s]."""
+        """Return a lower and an upper bound on `slope`, F'(v) [N m s/rad], for 0 <= low <= v <= high [rad/s]."""
         (a, b), (c, d) = (_ends(self.slope(joint, arb(v))) for v in (low, high))
         turn = _ends(self.stribeck / arb(2).sqrt())
         return min(a, c, -self.steepest(joint) if low <= turn[1] and high >= turn[0] else math.inf), max(b, d)
@@ -240,7 +240,7 @@ def _tip(q: list[Any], length: list[Any]) -> list[Any]:
 
 
 def _on_circle(t: Any, duration: float) -> list[Any]:
-    """Return p(t) [m] on the circle about (0.35, 0.65), R = 0.2: a turn backwards from ψ = π/2, quintic time law."""
+    """Return p(t) [m] on the circle about (0.35, 0.65), R = 0.2, as ψ falls by 2π from π/2, by a quintic law."""
     x = t / arb(duration)
     psi = arb.pi() / 2 - 2 * arb.pi() * x * x * x * (10 - 15 * x + 6 * x * x)
     return [arb(0.35) + arb(0.2) * psi.cos(), arb(0.65) + arb(0.2) * psi.sin()]
@@ -257,7 +257,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign that rounding errors, as of 11 τ - 18 τ + 9 τ - 2 τ, give the computed θ̇_d at rest."""
+    """Return the sign of a joint's computed θ̇_d at rest, due to rounding errors, as in 11 τ - 18 τ + 9 τ - 2 τ."""
     (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
@@ -303,7 +303,7 @@ class _Law:
         return [target[j][i] for i in range(3) for j in _BOTH], u_ff
 
     def respond(self: Any, k: int, point: list[float], box: np.ndarray) -> tuple[list[Any], Any, Any, list[Any]]:
-        """Return u at sample k, x = (θ, θ̇, x_I) = point; ∂u/∂x (2, 6); a bound (2,) on the rest in x ± box; and θ_d."""
+        """Return u at sample k, x = (θ, θ̇, x_I) = point; ∂u/∂x (2, 6); bounds (2,) on u's remainder in x ± box; θ_d."""
         (r, u_ff), x = self._target(k), [arb(number) for number in point]
         wide = [_about(a, radius) for a, radius in zip(x, box.tolist(), strict=True)]
         near, far = (_jacobian(lambda y: self._own(y, r), y) for y in (x, wide))  # ∂u/∂(θ, θ̇, x_I), (2, 6)
@@ -415,12 +415,12 @@ class _Motion:
         self._nodes, self._discs = every[:_NODES], every[_NODES:]
 
     def at(self, s: Any) -> list[list[Any]]:
-        """Return angles, velocities and accelerations (4,) of θ and q at s."""
+        """Return three lists at s: angles, velocities and accelerations, each of θ_1, θ_2, q_1, q_2."""
         powers = [s**i for i in range(8)]
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return courses along the centre of f(x, v, a, t), see `at`: of `linear`, exactly, and of all `others`."""
+        """Return the courses along the centre of f(x, v, a, t), see `at`: of `linear`, exactly; of each of `others`."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -452,7 +452,7 @@ _distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
 def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return bounds on |X G g|, |g| <= 1, with `own` added to the constants' columns of X G; rows: X and its radii."""
+    """Return bounds on the entries of |(X G + [own, 0]) g|, for |g| <= 1 and X with middle and radii `rows`."""
     image = np.einsum("ij,jk", rows[0], G)
     image[:, : own.shape[1]] += own
     spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
@@ -460,7 +460,7 @@ def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) 
 
 
 class _Friction:
-    """The friction of one motor on a segment, bounded by its plan."""
+    """A motor's dry friction Γ_f on a segment, bounded as its plan says; N: torque without Γ_f, P: N - inertia θ̈."""
 
     def __init__(self, plant: _Plant, joint: int, plan: str, mode: int, known: Any, motion: Any) -> None:
         self.joint, self.plan, self.known, self._plant = joint, plan, known, plant
@@ -490,7 +490,7 @@ class _Friction:
         return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
     def bound(self, tube_v: float, spread: float, h: float) -> Any:
-        """Return a bound on |Γ_f + P - slope δv| [N m] for |δv| <= tube_v, |N - N_y| <= spread over h (y: centre)."""
+        """Return a bound on |Γ_f + P - slope δv| [N m] while |δv| <= tube_v, |N - N_y| <= spread, for h [s]."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         if self.plan == "any":
@@ -573,7 +573,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the indices of control steps; of endless laps, the last again until its end lies in its initial set."""
+        """Yield the indices of control steps; of endless laps, repeat the last until it ends in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -598,11 +598,11 @@ class _Tube:
         return most, self._last
 
     def _is_inside(self) -> bool:
-        """Return whether a lap ends in its initial set, and begin the next lap in a set around this end.
+        """Return whether the lap ends in its initial set; the next lap will begin in a set that contains this end.
 
         Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. The end of the next lap has
-        columns with the same tags; less c + C π + G g, it is `rest`. It lies in the set if B g' = rest has a solution
-        with |g'| <= 1: for W near B⁻¹ and E = I - W B, |g'| <= |W rest| / (1 - |E|), all in the maximum norm.
+        columns with the same tags; `rest` is that end less c + C π + G g. It lies in the set if B g' = rest has a
+        solution with |g'| <= 1: for W near B⁻¹ and E = I - W B, |g'| <= |W rest| / (1 - |E|), all in the maximum norm.
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
         point, G = np.array([*self._centre, *self._memory]), self._G[rows]
@@ -632,7 +632,7 @@ class _Tube:
         self._tags, self._tag = np.append(self._tags, self._tag + np.arange(count)), self._tag + count
 
     def _move(self, of: list[list[Any]]) -> None:
-        """Add to the zonotope what the centre's floats differ by from `of`, its unrounded angles and velocities."""
+        """Add to the zonotope the differences of the centre's floats from `of`, its unrounded angles and velocities."""
         self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
 
     def _prune(self) -> None:
@@ -727,7 +727,7 @@ class _Tube:
         return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
 
     def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
-        """Return A (10, 10), b (10, 6), S (n, 10), D (n, 6) of ξ̇ = A ξ + b w, output S ξ + D w; n = 18 + 2 per mass."""
+        """Return A (10, 10), b (10, 6), S (n, 10), D (n, 6) of ξ̇ = A ξ + b w; S ξ + D w: 18 tube rows, 2 per mass."""
         p, zero, (angle, speed, mass) = self._plant, arb(0), slopes[0]
         A, b, D = ([[zero] * n for _ in range(rows)] for rows, n in ((10, 10), (10, 6), (18, 6)))
         S = [[arb(int(i == j)) for j in range(10)] for i in range(8)]
@@ -765,7 +765,7 @@ class _Tube:
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
-        """Return the constants' torques: level, slope (6, m); bounds on remainders (6,) and on sums at motors (2,)."""
+        """Return level and slope (6, m) of constants' torques; bounds (6,) on remainders, (2,) on motors' sums."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
         signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
@@ -789,7 +789,7 @@ class _Tube:
         return level, slope, rest, sizes
 
     def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
-        """Return bounds for a claimed tube (18,): w̄ (6,) on |w|, hence (18,) on |S ξ|, and (2,) on |N - N_y| [N m]."""
+        """Return bounds for a claimed tube (18,): w̄ (6,) on |w|, (18,) on |S ξ| by w̄, (2,) on |N - N_y| [N m]."""
         (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
         w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
@@ -820,7 +820,7 @@ class _Tube:
         return w, reached, spread
 
     def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
-        """Return bounds on |S ξ|: (n,) at w = 0, (n, 6) per unit of |w|; a function of w̄ that propagates the zonotope.
+        """Return bounds on |S ξ|, (n,) at w = 0, and (n, 6) per |w|; a function of w̄ that propagates the zonotope.
 
         S ξ_h is within h²/8 sup |S ξ̈_h| of a line, ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ), a = level + slope s. For each
         half of the segment, two moments of w about the middle of the half become columns; the third becomes a box.
@@ -886,7 +886,7 @@ class _Tube:
         return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
 
     def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
-        """Bound the excess [m] of the tip error over its end values; each part f is within h²/8 sup |f̈| of a line.
+        """Bound the excess [m] of the tip error over its end values; any part f is within h²/8 sup |f̈| of its chord.
 
         Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
         """
