@@ -8,9 +8,9 @@ correlated; a small deviation is added to `rest`. A product is
 
     x y = c_x c_y + c_x δy + c_y δx + δx δy,
 
-and a function f is approximated by a line on |x - z| <= r (Taylor's theorem),
+and a function f is approximated by a line for |x - c| <= d (Taylor's theorem),
 
-    f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
+    f(x) - f(c) - f'(c) (x - c)  in  [a, b] d²/2      for f'' in [a, b], a <= 0 <= b.
 
 A maximum is approximated by the line through its end values; for `stick_slip` see `_stick_slip`. If several rows of a
 table are possible, the law is evaluated for each, see `_Places`. Any other undecided choice raises `NoBound`.
@@ -67,13 +67,13 @@ class Space:
         return rows
 
     def reach(self, rows: np.ndarray) -> np.ndarray:
-        """Return bounds (m,) on |r (ξ, g)| for rows (m, n)."""
+        """Return bounds (m,) on |r (ξ, g)| for the rows r of `rows` (m, n), over all deviations ξ and unknowns g."""
         n, sizes = len(self._totals), np.abs(rows)
         found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def reach_of(self, row: np.ndarray) -> float:
-        """Return `reach` of a single row (n,), without blocks, which is faster."""
+        """Return the bound on |r (ξ, g)| for a single row r (n,), faster than `reach`."""
         n, sizes = len(self._totals), np.abs(row)
         found = np.abs(row[:n] @ self._columns).sum() + sizes[:n] @ self._box + sizes[n:].sum()
         return float(found) * ROUND_UP
@@ -87,7 +87,7 @@ class Space:
         return range(count)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return function(*arguments), using its enclosure in `_ENCLOSED` if any; see `numbers.functions.apart`."""
+        """Return function(*arguments), for affine arguments by the substitute of `function` in `_ENCLOSED`, if any."""
         known = _ENCLOSED.get(function)
         if known is None or not any(isinstance(x, Affine) for x in arguments):
             return function(*arguments)
@@ -189,7 +189,7 @@ class _Bend:
 
 
 def _flat(values: Any, slope: float) -> _Line:
-    """Return the line of slope λ for a function f, from a ball `values` that encloses f(x) - λ (x - z)."""
+    """Return a line of slope λ = `slope` for f about z, from a ball `values` that encloses f(x) - λ (x - z)."""
     middle = middle_of(values)
     return _Line(arb(middle), slope, radius_of(values, middle))
 
@@ -382,7 +382,7 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _rounded(
     of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
 ) -> Affine:
-    """Return an `Affine` in the space of `of`, with the rounding error of an operation added to `rest`."""
+    """Return Affine(of.space, middle, row, size, rest, reach) with the rounding error of one operation in `rest`."""
     return Affine(of.space, middle, row, size * _UP, (rest + _ROUND * (abs(middle) + size)) * _UP + _TINY, reach)
 
 
@@ -391,7 +391,7 @@ def _rounded(
 
 @dataclasses.dataclass(frozen=True)
 class _Undecided:
-    """A condition that is true at some points only: `lesser` below `greater`, or any other if both are None."""
+    """A condition that is true at some points only: `lesser` is below `greater`; both are None for other conditions."""
 
     lesser: Any = None
     greater: Any = None
@@ -440,7 +440,7 @@ def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
 
 
 def _level(a: Any, b: Any) -> Affine | None:
-    """If min(a, b) limits an x to a range that x may leave at both ends, return it as an unknown in it, else None."""
+    """Return min(a, b) as a new unknown in [l, h] if it is min(max(x, l), h) and x may pass both ends, else None."""
     larger, most = (a, b) if isinstance(a, Affine) else (b, a)
     if isinstance(most, Affine) or larger.parts is None:
         return None
@@ -472,7 +472,7 @@ class _Places:
         self.source, self.values = source, tuple(values)  # the argument of `floor`, and the values
 
     def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
-        """Apply an operation to each value and `others`; `NoBound` if one of these depends on another `floor`."""
+        """Return operation(value, *others) for each value; `NoBound` if one of `others` depends on a second `floor`."""
         if any(isinstance(one, _Places) and one.source is not self.source for one in others):
             raise NoBound("the law combines two table look-ups whose rows differ between states of the tube")
         columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
@@ -487,7 +487,7 @@ class _Places:
     __float__ = __bool__
 
     def select(self, first: Any, second: Any) -> _Places:
-        """Return, for each of the values as the condition, `first` if it holds, else `second`."""
+        """Return, for each value, `first` if that value, a condition, is true, else `second`."""
         return self.each(select, first, second)
 
     @staticmethod
@@ -532,8 +532,8 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
         0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
         0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move.
 
-    The results are linear with the mean slopes, and the remainders half of these widths times the deviations; or, if
-    narrower, f bounds an arbitrary friction.
+    The results are linear with the mean slopes, and the remainders the sums of half these widths times the deviations
+    of v, α and f; or, if narrower, the results enclose those of any friction between -f and f.
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
     if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:

@@ -88,7 +88,7 @@ def _derivatives(path: TipPath, s: Any) -> tuple[Sequence[Any], Sequence[Any]]:
 
 
 def _on_piece(c: np.ndarray, h: Any) -> tuple[list[Any], list[Any]]:
-    """Return the first two derivatives by h, for each axis, of a cubic with coefficients c (4, axes), h³'s first."""
+    """Return the first and the second derivatives at h of a cubic per axis, with coefficients c (4, axes), h³ first."""
     columns = c.T.tolist()
     return [(3 * a * h + 2 * b) * h + d for a, b, d, _ in columns], [6 * a * h + 2 * b for a, b, _, _ in columns]
 

@@ -1,12 +1,13 @@
 """The defects of the centre in the arm's equations of motion, as signals over one period.
 
-Along the centre y(t), with K, B, I_a, f_v and the links' torque R of the arm in the middle of the set,
+Along the centre y(t), with φ = θ - q, the held torque u, and K, B, I_a, f_v and the links' torque R of the arm in the
+middle of the set,
 
     N = u - K φ - B φ̇ - f_v θ̇,       P = N - I_a θ̈,       d = K φ + B φ̇ - R(q, q̇, q̈, F).
 
-P is the negative friction of the centre's motor, and d the defect of its links' torque. The angles are polynomials in s
-in [-1, 1], and so are N and P; d is a power series about s = 0, whose remainder is its last coefficient about the ball
-s in [-1, 1] (Lagrange). All of them are a `Signal`.
+A motor with the net torque N follows the centre if its friction torque is -P, and the links do with an additional
+torque -d. The angles are polynomials in s in [-1, 1], and so are N and P; d is a power series about s = 0, whose
+remainder is its last coefficient about the ball s in [-1, 1] (Lagrange). All of them are a `Signal`.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def _bernstein_table(degree: int) -> Any:
 
 
 def _shift_table() -> Any:
-    """Return the matrix that converts a polynomial's coefficients about 0 to those about all points of [-1, 1]."""
+    """Return a matrix of balls that converts a polynomial's coefficients to those about all points of [-1, 1]."""
     powers = [arb(1), *[between(-1.0, 1.0)] * DEGREE]  # of s, which all lie in [-1, 1]
     return arb_mat([
         [arb(math.comb(j, i)) * powers[j - i] if j >= i else arb(0) for j in range(DEGREE + 1)]
@@ -90,7 +91,7 @@ class Signal:
         return self[0] + sum((largest(a) for a in self.coefficients[1:]), 0.0) * between(-1.0, 1.0)
 
     def size(self) -> float:
-        """Return a bound on the absolute value of the signal during the period."""
+        """Return a bound on |signal| during the period."""
         return largest(self.range())
 
     def bent(self) -> float:
@@ -111,7 +112,7 @@ class Signal:
 
 
 def _through(function: Callable[..., tuple[Any, ...]], *signals: Signal) -> list[Signal]:
-    """Return functions of signals as power series about s = 0, each with its remainder as the last coefficient."""
+    """Return each result of `function` on the signals as a power series in s about 0 whose last term is a remainder."""
     ctx.cap = _ORDER + 1
     near = function(*(arb_series(signal.coefficients) for signal in signals))
     far = function(*(arb_series(signal.about_all()) for signal in signals))

@@ -89,8 +89,8 @@ class LinkRemainder:
 
         |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: `_Linearised.left_out` for R and for R_p on the tube.
 
-    r_p ξ is observed like the other rows, so that opposite motions of the links cancel. If it is smaller, the bound on
-    its three terms on the tube is used.
+    r_p ξ is bounded as an observed row of the linear equation, so that opposite motions of the links cancel; or by the
+    sum of the bounds of its three terms on the tube, if this is smaller.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
@@ -104,9 +104,10 @@ class LinkRemainder:
         )
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """Return bounds (2,) [N m] on the omitted torques for a claimed tube ρ (18,) and bounds (8,) on all others.
+        """Return bounds (2,) [N m] on the omitted torques n for a claimed tube ρ (18,).
 
-        With both in w̄, the observed rows (the last k are `products`) are within free (18 + k,) + push (18 + k, 8) w̄.
+        `torques` (8,) bounds all other remainders. If w̄ (8,) bounds these and n, the observed rows, of which the last k
+        are `products`, are within free (18 + k,) + push (18 + k, 8) w̄.
         """
         fixed = self._whole.left_out(tube)
         for one in self._masses:
@@ -160,7 +161,7 @@ class ConstantForces(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> ConstantForces:
-        """Return the torques due to all uncertain constants, including dry friction by the motors' plans."""
+        """Return a copy with uncertain dry friction on motors whose plan is SLIP, and no torque if it is MONOTONE."""
         drive, channels = ConstantForces(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
@@ -172,7 +173,7 @@ class ConstantForces(NamedTuple):
         return drive
 
     def _add(self, constant: int, channel: int, factor: arb, signal: Signal) -> None:
-        """Add factor · signal, a constant's torque in a channel (indices), to `level`, `slope`, `rest` and `motor`."""
+        """Enter factor · signal as the torque of a constant in a channel; both are given by index."""
         torque = factor * signal
         level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope

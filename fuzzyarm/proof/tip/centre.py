@@ -132,7 +132,10 @@ class Centre:
         return torque - own.stiffness * (theta - q) - own.damping * (dtheta - dq) - own.viscous * dtheta
 
     def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
-        """Return the fraction of a segment before a motor first changes its mode (1 if none does), and which one."""
+        """Return the fraction of a segment before a motor first changes its mode, and the motor; (1, 0) if none does.
+
+        `torque` (2,) [N m] is held.
+        """
         s = np.linspace(-1.0, 1.0, _SAMPLES)
         first = 1.0, 0
         values = polynomial.polyval(s, found.angles.T)
@@ -212,7 +215,10 @@ class Centre:
 
 
 def _part(force: np.ndarray, begun: float, duration: float, period: float) -> np.ndarray:
-    """Return a period's linear force (4,), as in `segments`, for a part that lasts `duration` [s] from `begun`."""
+    """Return the tip force (4,) in a part of a period, from that in the whole period, both as in `segments`.
+
+    The part lasts `duration` [s] and begins at `begun` [s] of the `period` [s].
+    """
     at = (begun + 0.5 * duration) / period - 0.5
     mean, change = np.split(force, 2)
     return np.concatenate([mean + at * change, change * (duration / period)])

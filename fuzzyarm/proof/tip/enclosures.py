@@ -20,7 +20,7 @@ __all__ = [
 
 BITS = 80  # precision of the balls: K (θ - q) loses seven digits of a double
 SLACK = 2.0**-40
-"""Relative allowance for rounding in a chain of at most 2^12 float operations; see the module."""
+"""Relative allowance for rounding; see the module."""
 
 ROUND_UP = 1.0 + SLACK  # a sum of non-negative floats, times this, is not below the exact sum
 _TINY = 1e-300  # largest loss by underflow
@@ -65,7 +65,7 @@ class Jet:
     """A value and its partial derivatives by variable; a variable without an entry has the derivative zero.
 
     Value and derivatives are of any number type. Evaluated on balls, the derivatives enclose those at every point of
-    the box that the balls span, so that the mean value theorem applies on it.
+    the box that the balls span, so that the mean value theorem applies.
     """
 
     __slots__ = ("slopes", "value")

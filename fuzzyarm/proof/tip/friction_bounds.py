@@ -15,14 +15,14 @@ I_a |δv|' <= |δN| + η + L |δv|, whether the motor sticks or slips.
 
 *Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
 
-*Curve.* The proof uses these properties of the curve, which `check_curve` proves in balls:
+*Curve.* `check_curve` proves these properties in balls:
 
     F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
 
 At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` times the speed
 of inflection, the remaining decrease is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and
-|F - F(∞)| <= 2^-40 Γ_fs, which `_Curve.slopes` and `_Curve.strength` add. All are checked on power series of
-`STRIBECK.magnitude` about balls that cover speeds up to 2^100 times the inflection's.
+|F - F(∞)| <= 2^-40 Γ_fs, which `_Curve.slopes` and `_Curve.strength` add. All are checked on balls that
+cover speeds up to 2^100 times the inflection's.
 """
 
 import enum
@@ -72,7 +72,7 @@ class _Curve:
         return weak[0] - left, strong[1] + left
 
     def slopes(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the lowest and the highest dF/dv [N m s/rad], which falls, then rises, in a speed range [rad/s]."""
+        """Return the lowest and highest dF/dv [N m s/rad] between two speeds [rad/s]; dF/dv first falls, then rises."""
         inside = slowest <= self.after and self.before <= fastest
         ends = (min(slowest, self.before), max(fastest, self.after)) if inside else (slowest, fastest)
         lows, highs = zip(*(low_high(self.series(arb(v))[1]) for v in ends), strict=True)
@@ -80,7 +80,7 @@ class _Curve:
         return (-self.steepest if inside else min(lows)) - left, max(highs) + left
 
     def conditions(self) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
-        """Yield ranges of speeds [rad/s], each with the condition on the series of F over balls in it."""
+        """Yield ranges of speeds [rad/s], each with a condition that `series` must meet on balls that cover it."""
         steepest, static = arb(self.steepest), self.static
         far = [_FAR * self.after * 2.0**k for k in range(_DOUBLINGS + 1)]
         limit = self.series(arb(far[-1]))[0]
@@ -91,7 +91,7 @@ class _Curve:
             yield span, lambda f: abs(f[1]) <= SLACK * steepest and abs(f[0] - limit) <= SLACK * static
 
     def meets(self, span: tuple[float, float], condition: Callable[[Any], bool]) -> bool:
-        """Return whether a condition on the series of F holds on balls that cover a range of speeds."""
+        """Return whether `series` is proven to meet `condition` on balls that cover the speeds in `span` [rad/s]."""
         waiting = [(*span, _HALVINGS)]
         while waiting:
             low, high, left = waiting.pop()
@@ -105,7 +105,7 @@ class _Curve:
 
 
 def check_curve(arm: Any, joints: int) -> None:
-    """Raise `NoBound` unless every motor's friction curve has the module's properties, in the caller's precision."""
+    """Raise `NoBound` unless balls, of the precision set by the caller, prove the module's *Curve* for all motors."""
     for joint in range(joints):
         curve = _Curve(joint, arm)
         rest = curve.series(arb(0))
@@ -169,9 +169,9 @@ class Friction:
         return -self.side * self._slip
 
     def parted(self, start: float, duration: float, torque: float) -> float:
-        """Return a bound on |δv| [rad/s] during a segment, under the plan MONOTONE.
+        """Return a bound on |δv| [rad/s] during a segment of `duration` [s], under the plan MONOTONE.
 
-        It lasts `duration` [s]; at its start |δv| <= `start` [rad/s]; |δN| + η <= `torque` [N m], see `driving`.
+        `start` [rad/s] bounds |δv| at the segment's start, and `torque` [N m] bounds |δN| + η during it, see `driving`.
         """
         # If a slipping centre's velocity slightly overshoots zero, it is shifted by `aside` for the comparison.
         aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
@@ -192,16 +192,16 @@ class Friction:
         return (tube_net + eta + constants + products) * (1.0 + SLACK)
 
     def pull(self, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound on |I_a δθ̈| [N m] for any friction up to the static one; arguments as for `bound`."""
+        """Return a bound on |I_a δθ̈| [N m] for any friction torque up to static friction; arguments as for `bound`."""
         static = self.static[1]
         return (tube_net + self._needed_size + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound on |w| [N m], the friction less the centre's; `PlanFails` if the tube contradicts the plan.
+        """Return a bound on |w|, the friction minus the centre's [N m]; `PlanFails` if the tube contradicts the plan.
 
-        The friction factor's effect on `torque` is left out. The tube has the radii `tube_speed` of v [rad/s] and
-        `tube_net` of the net torque [N m]. `constants` bounds the torques [N m] of the uncertain constants on this
-        motor along the centre, `products` those due to the deviation.
+        The friction factor's effect on the result of `torque` is left out. The tube has the radii `tube_speed` of v
+        [rad/s] and `tube_net` of the net torque [N m]. `products` bounds the torques [N m] of the motor's
+        uncertain inertia and viscous friction times the deviation, `constants` all others of uncertain constants.
         """
         low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:
@@ -253,7 +253,7 @@ class Friction:
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
-        """Return the least v̇ [rad/s²] for low <= v < 0, the largest for 0 < v <= high, if |δN| <= `spread` [N m]."""
+        """Return the least v̇ [rad/s²] for low <= v < 0 and the largest for 0 < v <= high, if |δN| <= `spread` [N m]."""
         net_low, net_high = low_high(self._net)
         backward = self.share[0] * self._curve.strength(0.0, max(-low, 0.0))[0]
         forward = self.share[0] * self._curve.strength(0.0, max(high, 0.0))[0]
@@ -264,14 +264,17 @@ class Friction:
         )
 
     def _during(self, low: float, high: float, spread: float) -> Speed:
-        """Narrow the bounds low <= v <= high [rad/s] of the tube during the segment; `spread` as for `_rates`."""
+        """Return the tube's bounds low <= v <= high [rad/s], narrowed to what v reaches by `_rates` with `spread`."""
         falling, rising = self._rates(low, high, spread)
         least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
         most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
         return Speed(max(low, least), min(high, most))
 
     def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
-        """Return bounds on v at the segment's end, for the tube's range `end` and radius `tube_speed`; see `_rates`."""
+        """Return bounds on v [rad/s] at the segment's end, for the tube's range `end` of v there.
+
+        `tube_speed` is the tube's radius of v during the segment, and |δN| <= `spread` [N m].
+        """
         if self.plan is Plan.ANY:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:

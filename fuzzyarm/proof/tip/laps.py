@@ -2,9 +2,9 @@
 
     x = c + C π + G g,      |g_i| <= 1,      π: the factors of the uncertain constants, the same in every lap.
 
-x is the state of the tube: θ, q, θ̇, q̇, the policy's memory and, if torques act late, the torque that acts next. The
-tube may begin with such a set. If a lap ends within the set in which the next lap begins, the bounds of both laps hold
-in succession; if it ends within its own initial set, they hold in every later lap.
+x is the state of the tube: θ, q, θ̇, q̇, the policy's memory and, if torques act late, the torque that acts next. If
+a lap ends within the set in which the next lap begins, the bounds of both laps hold in succession; if it ends within
+its own initial set, they hold in every later lap.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class StartBox:
         return ", ".join(parts) or "one state"
 
     def columns(self, joints: int, numbers: int, memory: int) -> np.ndarray:
-        """Return the columns (numbers, 8 + memory) of the box, for a policy that remembers `memory` numbers."""
+        """Return the box as columns (numbers, 4 joints + memory); x has `numbers` entries, the memory `memory`."""
         if isinstance(self.memory, tuple) and len(self.memory) != memory:
             raise ValueError(f"memory has {len(self.memory)} numbers; this policy needs {memory}")
         for name in _UNITS:
@@ -142,10 +142,10 @@ class LapSet(NamedTuple):
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
         """Return a bound on this set's |g_i| for all points of the end of a lap; at most 1 means that all lie inside.
 
-        The end is given by `point`, (8,), (m,), (0 or 2,), and deviations, as in `around`. Its difference from this
-        set's c + C π is Y y, |y_i| <= 1, with the columns c⁺ - c, C⁺ - C and its own. With G = [G', B], g' = Γ' y for
-        any Γ', and x = B g'' = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W x| + |E| max |W x| /
-        (1 - max Σ |E|).
+        The end is given by `point` c⁺, (8,), (m,), (0 or 2,), and deviations, as in `around`. Its difference from this
+        set's c + C π is Y y, |y_i| <= 1, where Y has the columns c⁺ - c, C⁺ - C and the deviations' others. G g = Y y,
+        G = [G', B] with B square, is solved by g' = Γ' y for any Γ', and x = B g'' = (Y - G' Γ') y. For W near B⁻¹ and
+        E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|).
         """
         numbers, block = len(self.columns), self.columns[:, -len(self.columns) :]
         constants, others = _parted(deviations)
@@ -176,9 +176,10 @@ def _parted(deviations: Zonotope) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shared(kept: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Subtract from `columns` (numbers, n) multiples of the columns `kept` (numbers, k) that they nearly equal.
+    """Subtract from each of `columns` (numbers, n) a multiple of a column of `kept` (numbers, k), if nearly equal.
 
-    Each column is used at most once. Return `kept`, factors (k,) of its columns, within ±1, and the remainders.
+    Each column is used at most once. Return `kept`, the factors (k,) of its columns, within ±1, and the rest of
+    `columns` (numbers, n).
     """
     if not kept.shape[1] or not columns.shape[1]:
         return kept, np.zeros(kept.shape[1]), columns

@@ -49,14 +49,14 @@ class Closed:
 
 
 class TubeClaim(NamedTuple):
-    """A file's claim for one segment: the tube (18,), and the plan for each motor's friction."""
+    """A file's claim for one segment: the tube's radii (18,) as in `Closed`, and the plan for each motor's friction."""
 
     tube: np.ndarray
     plans: tuple[Plan, ...]
 
 
 class Period:
-    """A period or a part of one, with the enclosures to close its tube."""
+    """A control period or a part of one, in which a tube is to be proven."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
         force, period = tip.middle, centre.duration
@@ -78,7 +78,10 @@ class Period:
         self._own = [(halves["motor_inertia"], rows.motor_acceleration), (halves["viscous_friction"], rows.d_theta)]
 
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
-        """Check a claimed tube and plans, without a search; return the period, else raise `NoBound`; see `close`."""
+        """Prove the tube of `claim` under its friction plans, without a search, else raise `NoBound`.
+
+        The other arguments and the result are as for `close`.
+        """
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("the set allows any friction, but a friction plan of the file assumes a friction law")
         try:
@@ -154,8 +157,8 @@ class Period:
     def _on_motors(self, tube: np.ndarray, driven: ConstantForces) -> tuple[np.ndarray, np.ndarray]:
         """Return two bounds (2,) [N m] on the uncertain constants' torques on each motor, for a claimed tube.
 
-        The first covers the torques along the centre, and uncertain stiffness and damping times the deviation; the
-        second, the motor's own uncertain inertia and viscosity times the deviation.
+        The first covers the torques along the centre, and those of uncertain stiffness and damping times the deviation;
+        the second, those of the motor's uncertain inertia and viscous friction times the deviation.
         """
         within = sum(half * tube[rows] for half, rows in self._within)
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
@@ -169,7 +172,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Raise `PlanFails` if, under MONOTONE, a bound on |δv| rises from `before` by more than `_MOST_DRIVEN`."""
+        """Raise `PlanFails` if a MONOTONE motor's bound on |δv| rises too far from `before` to `after` (both (2,))."""
         for j, (friction, own) in enumerate(zip(frictions, self._drives, strict=True)):
             pulled = (after[j] - before[j]) * own.motor_inertia
             if (
@@ -181,7 +184,10 @@ class Period:
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: ConstantForces
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the zonotope's columns (10, k) at the period's end and bounds (18 + n,) on |S ξ| in it, for w̄ = 0."""
+        """Return the effect of the zonotope `start` and of the constants' torques `driven`, without remainders.
+
+        The results are the columns (10, k) of ξ at the period's end, and bounds (18 + n,) on |S ξ| during the period.
+        """
         S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
         constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
@@ -217,9 +223,10 @@ class Period:
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return bounds w̄ (8,) on the remainders for a claimed tube and the constants' torques.
+        """Return bounds w̄ (8,) on the remainders for a claimed tube and the uncertain constants' torques `driven`.
 
-        At first |δv| <= `before` [rad/s]. `observed` = (free, push) bounds the observed rows by free + push w̄.
+        |δv| <= `before` (2,) [rad/s] at the start of the period. The observed rows are within free + push w̄, for
+        (free, push) = `observed`.
         """
         torques = driven.rest.copy()
         torques[self._channels.link] += self._defect

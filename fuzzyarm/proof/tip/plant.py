@@ -56,7 +56,7 @@ _LONGEST_LABEL = 60  # characters
 
 @dataclasses.dataclass(frozen=True)
 class PlantSet:
-    """Ranges (low, high) of constants, and bounds on quantities that vary with time; the defaults are Table 1.
+    """Ranges (low, high) of constants, and bounds on quantities that vary with time; by default, the arm of Table 1.
 
     The range of a factor of `BY_JOINT` may be given for each joint of a two-joint arm: ``((low, high), (low, high))``.
     """
@@ -183,8 +183,8 @@ SETS: dict[str, PlantSet] = {
     "near": _NEAR,
     "near-late": dataclasses.replace(_NEAR, late=1),
 }
-"""Sets by name: the arm of Table 1 alone; with any friction torque up to the static one; K ± 2 %, B ± 10 %, m ± 0.5 %,
-I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period late."""
+"""Sets by name: the arm of Table 1 alone; with any friction torque up to static friction; arms near Table 1; the same
+with every torque one control period late."""
 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
@@ -250,7 +250,7 @@ class BallPlant:
 
     @classmethod
     def of(cls, parameters: AnyArm, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
-        """Return the arms of a set around the given parameters, with a disturbance's payload."""
+        """Return the arms of the set `plants` around the arm `parameters`, with the payload of `disturbance`."""
         physics = equations_of(parameters)
         joints, nominal = range(physics.joints), physics.plant_of(parameters)
         if len(joints) != JOINTS and any(isinstance(getattr(plants, name)[0], tuple) for name in BY_JOINT):
@@ -292,7 +292,7 @@ class BallPlant:
 
 
 def _factors(physics: Physics, by_name: dict[str, list[Any]]) -> Any:
-    """Return the factors of `BY_JOINT` by name, one for each joint, as the draw for `Physics.varied`."""
+    """Return the factors for `Physics.varied`: an attribute for each name in `by_name`, with a value for each joint."""
     return SimpleNamespace(**{name: physics.PerJoint(*values) for name, values in by_name.items()})
 
 
@@ -312,7 +312,7 @@ def _in_balls(plant: Any) -> Any:
 
 
 def _mass_units(physics: Physics, plant: Any, plants: PlantSet, disturbance: Disturbance) -> Iterator[_Parameter]:
-    """Yield the uncertain masses, payload and tip force, each with its constants ∂c/∂p times half its range."""
+    """Yield the uncertain masses, payload and tip force of the nominal arm `plant` (in balls), with ∂c/∂p · `half`."""
     joints = range(physics.joints)
 
     def weighing(share: list[Any], tip: Any) -> Any:

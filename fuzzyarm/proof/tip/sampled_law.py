@@ -4,8 +4,7 @@
 
 The policy's own law is run on affine numbers. Its arguments are a point plus a zonotope of deviations of (θ, θ̇, m); its
 results are another point plus deviations of (u, m⁺), over the same columns and new ones, so torque and memory stay
-correlated. The part of the memory that depends only on the reference is not in m. It is the same in every run and
-stored as floats.
+correlated. The part of the memory that depends only on the reference is not in m, but stored as floats.
 """
 
 from collections.abc import Iterator
@@ -119,7 +118,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return affine numbers as a `Response`; each unknown or `rest` is a column, or in the box if it is small."""
+    """Return affine numbers of `space` as a `Response`: small unknowns and rests in its box, the others as columns."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

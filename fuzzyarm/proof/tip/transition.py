@@ -50,7 +50,7 @@ def layout(joints: int, axes: int) -> StateLayout:
 
 
 class Transition(NamedTuple):
-    """The solution of the linear equation over one period."""
+    """The solution of ξ̇ = A ξ + b w over one period T."""
 
     phi: np.ndarray  # exp(A T), (10, 10)
     growth: np.ndarray  # E = exp(|A|' T), (10, 10), rounded up
@@ -92,12 +92,13 @@ class Linear(NamedTuple):
 
         Args:
             arm: constants in floats.
-            links: M_k [kg m²], G_k = ∂R/∂q [N m/rad] and D_k = ∂R/∂q̇ [N m s/rad] at the middle of the period, (2, 2).
+            links: M_k [kg m²], G_k = ∂R/∂q [N m/rad] and D_k = ∂R/∂q̇ [N m s/rad] at mid-period, (2, 2) each.
             lever: Jᵀ (2, 2), from tip forces [N] to torques [N m].
-            slip: derivative of the friction torque by velocity (2,) [N m s/rad].
-            still: whether friction holds a motor still; the motor's rows are zero.
-            given: whether a motor's velocity is bounded separately: not a state, but the motor's channel, in rad/s.
-            products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
+            slip: change of each motor's friction torque with its velocity (2,) [N m s/rad].
+            still: whether friction holds each motor; if so, the motor's rows are zero.
+            given: whether each motor's velocity is bounded separately; if so, w in the motor's channel is δθ̇ [rad/s]
+                instead of a torque, and δθ̇ in ξ is zero.
+            products: coefficients (n, 6) of δq̈, δq and δq̇ in n further observed rows.
         """
         mass, stiff, damp = links
         at = layout(*lever.shape)

@@ -139,7 +139,7 @@ class TubeStep:
 class _State:
     """The state of the tube between two segments: everything on which the rest of the motion depends.
 
-    The rows of the zonotope are the deviations from the centre of θ, q, θ̇, q̇, the policy's memory and, if torques act
+    The rows of the zonotope are the deviations, from the centre, of θ, q, θ̇, q̇, the policy's memory and, if torques act
     late, the torque that acts next. Within a control step, rows of the held torque follow those of q̇.
     """
 
@@ -164,18 +164,18 @@ class _State:
 
     @classmethod
     def within(cls, start: LapSet) -> _State:
-        """Return the initial state of the tube in a later lap, which may begin anywhere in the set `start`."""
+        """Return the initial state in a later lap, which may begin anywhere in the set `start`."""
         joints, waiting = len(start.centre) // 4, start.waiting if len(start.waiting) else None
         speeds = (Speed(-math.inf, math.inf),) * joints
         return cls(start.centre, start.memory, start.deviations(), speeds, (None,) * joints, waiting)
 
     @property
     def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The centre of a `LapSet` around this state: for θ, q, θ̇, q̇, for the memory, and for the waiting torque."""
+        """The first fields of a `LapSet`: θ, q, θ̇, q̇ (8,), the memory (m,), and the torque that acts next (0 or 2,)."""
         return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
 
     def around(self) -> LapSet:
-        """Return a larger set that contains this state, as the initial states of the next lap."""
+        """Return a set that contains the centre plus all deviations, as the initial states of the next lap."""
         return LapSet.around(self.point, self.deviations)
 
     def filled(self, start: LapSet) -> float:
@@ -184,7 +184,7 @@ class _State:
 
 
 class Tube:
-    """The tube of deviations along a motion; iterating over it yields one `TubeStep` after another."""
+    """The tube of deviations along a motion; iterating over it yields every `TubeStep`."""
 
     def __init__(
         self,
@@ -192,10 +192,10 @@ class Tube:
         claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None,
         start: LapSet | None = None,
     ) -> None:
-        """Prepare a later lap that begins in the set `start`; None: the first lap, from the environment's start.
+        """Prepare a later lap that begins in the set `start`, or (None) the problem's first lap.
 
         `claims` are the centre's segments in each control step, with their tubes and plans from a file, which are
-        confirmed without a search. None: search for the tube.
+        confirmed without a search. If None, tubes are searched for.
         """
         self.problem, self._claims, self._layout = problem, claims, problem.plant.layout
         self._rows, self._limits = self._layout.rows, bounds_of(problem.parameters).torque.tolist()
@@ -247,7 +247,7 @@ class Tube:
         return TubeStep(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
-        """Return the bound [m] on the tip error at the k-th sample and its parts [m], from `tip_bound`."""
+        """Return `tip_bound` at the k-th sample."""
         wanted = self.problem.schedule.targets[k, : self._layout.axes].tolist()
         return tip_bound(self.state.centre, self.state.deviations, self.problem.plant, wanted)
 
@@ -285,7 +285,10 @@ class Tube:
         return TipForces(middle, radii, directions, np.array(courses) * (1 + SLACK))
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
-        """Prove a tube on a segment, that of `claim` or (None) one to be found, and advance the state to the end."""
+        """Prove and return a tube on a segment, and advance the state to its end.
+
+        The tube is that of `claim` or, if it is None, searched for. `torque` (2,) [N m] is held at the centre.
+        """
         period, friction = Period(segment, torque, force, self.problem.plant), self.problem.plants.friction
         state = self.state
         self._shift(state.deviations, period.motion.at(-1), state.centre)
@@ -300,7 +303,7 @@ class Tube:
         return closed
 
     def _shift(self, deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
-        """Widen `deviations` from `before`, so that they hold from `after` (8,), which differs only by rounding."""
+        """Widen deviations from the centre `before` so that they hold from `after` (8,), which differs by rounding."""
         deviations.box[: self._layout.states] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:

@@ -94,10 +94,7 @@ class Zonotope:
 
 
 def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return matrix (m, n) times columns (n, k), block by block.
-
-    For the whole product, a linear algebra library would start threads, which is far slower on a busy machine.
-    """
+    """Return matrix (m, n) times columns (n, k), in blocks without threads, which is faster on a busy machine."""
     made = np.empty((len(matrix), columns.shape[1]))
     for block in _blocks(len(matrix), columns):
         np.matmul(matrix, columns[:, block], out=made[:, block])
