@@ -47,7 +47,7 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
     """Write nested mappings and lists of tensors, NumPy arrays, numbers and text.
 
     Raises:
-        OSError: the file cannot be written; the previous checkpoint is untouched, and the message says so.
+        OSError: the file cannot be written; the previous checkpoint is untouched.
     """
     buffer = io.BytesIO()
     torch.save(_as_tensors(content), buffer)
@@ -61,7 +61,7 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Read what `write_checkpoint` wrote; arrays come back as tensors.
+    """Return the content that `write_checkpoint` stored at `path`, with tensors for NumPy arrays.
 
     Raises:
         CheckpointError: the file is missing, damaged or not a checkpoint.
@@ -134,7 +134,10 @@ def check_finite(name: str, found: Any) -> None:
 
 
 def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
-    """Return the curve's rows, best score [mm], and wall and processor time [s]; TypeError or ValueError if invalid."""
+    """Return the learning curve's rows, the best score [mm] and the (wall, processor) time [s] in a checkpoint `found`.
+
+    TypeError or ValueError if invalid.
+    """
     rows, best = instance("rows", found["rows"], list), found["best"]
     for row in rows:
         if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):

@@ -35,7 +35,7 @@ class PlantView(VecEnvWrapper):
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step every lane; a terminal observation, too, ends with unmeasured quantities, those of the ended episode."""
+        """Step every lane; the `terminal_observation` of an ended episode includes its last unmeasured quantities."""
         observation, rewards, dones, infos = self.venv.step_wait()
         ended = np.flatnonzero(dones)
         if len(ended):

@@ -31,7 +31,7 @@ class Angle:
 
     @classmethod
     def __torch_function__(cls, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        """Return tensor + angle, or compare tensor and angle: torch.compile may swap the operands."""
+        """Return tensor + angle, tensor <= angle or tensor >= angle: torch.compile may put the `Angle` second."""
         if function in (torch.Tensor.le, torch.Tensor.ge):
             limit, angle = arguments
             return function(limit, angle.value)
@@ -98,7 +98,7 @@ class TorchTable:
         return columns
 
     def number(self, value: float) -> Tensor:
-        """Return a number as a tensor of shape (); a float times a bool tensor would have torch's default dtype."""
+        """Return `value` as a tensor () in the table's dtype; a float times a bool tensor has torch's default dtype."""
         return self.tensor.new_full((), value)
 
 

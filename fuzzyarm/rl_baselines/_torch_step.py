@@ -48,7 +48,7 @@ Outcome: TypeAlias = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]
 
 
 class Equations:
-    """The arm's equations, and the functions of a control step for them; looked up before compilation."""
+    """The arm's equations, and the functions of a control step with them, made before torch compiles the step."""
 
     def __init__(self, physics: Physics) -> None:
         self.physics = physics
@@ -137,9 +137,10 @@ def following(shared: Shared, lanes: LaneData, action: Tensor) -> tuple[LaneData
 
 
 def begin(shared: Shared, key: Tensor) -> tuple[LaneData, Any]:
-    """Return the lanes in the episodes that follow those with keys (n,), and their first reference; shapes (n,) or ().
+    """Return the lanes at the start of their next episodes, and the reference there.
 
-    They begin at rest; the motors hold the gravity torque of the nominal arm.
+    `key` (n,) contains the keys of the episodes before. Shapes are (n,) or (). The lanes begin at rest;
+    the motors hold the gravity torque of the nominal arm.
     """
     equations, key, nominal = shared.equations, draw(TorchWord(key, shared.rows.dtype), NEXT_KEY).bits, shared.nominal()
     now = drawn(shared, key)
@@ -157,7 +158,7 @@ def write(lanes: LaneData, new: LaneData) -> None:
 
 
 def _angle(value: Tensor, rest: Tensor | None = None) -> Any:
-    """Return an angle for the physics: in float32 an `Angle` with its rounding error, in float64 the tensor."""
+    """Return `value` [rad] for the physics: in float32 an `Angle` with its rounding error `rest`, in float64 itself."""
     if value.dtype == torch.float64:
         return value
     return Angle(value, torch.zeros_like(value) if rest is None else rest)

@@ -42,7 +42,7 @@ class _Algorithm(Protocol):
         """Return the algorithm's state: nested mappings and lists of tensors, NumPy arrays, numbers and text."""
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore a result of `state` with tensors in place of arrays; the configuration must be the same.
+        """Restore the state that `state` returned with the same configuration, its NumPy arrays given as tensors.
 
         Raises:
             KeyError, TypeError, ValueError, RuntimeError: the state does not fit.

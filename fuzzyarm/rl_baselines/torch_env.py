@@ -167,13 +167,13 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return {"arguments": self._arguments, "lanes": lanes, "begun": self._begun}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Rebuild the batch from the stored arguments, and restore its lanes from `state`."""
+        """Unpickle: build the batch from the arguments in `state`, then restore its lanes."""
         self.__init__(**state["arguments"])  # type: ignore[misc]
         self._lanes, self._begun = state["lanes"], state["begun"]
 
     @property
     def state(self) -> Tensor:
-        """The true states (n, 4 joints): angles of motors, then of links [rad], then their velocities [rad/s]."""
+        """The true states (n, 4 · joints): motor angles, then link angles [rad], then their velocities [rad/s]."""
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:

@@ -63,7 +63,7 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
         return {**super().__getstate__(), "remembered": (self._memory, self._seen)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Rebuild the batch from the stored arguments, and restore its lanes from `state`."""
+        """Unpickle: build the batch from the arguments in `state`, then restore its lanes, memory and observations."""
         super().__setstate__(state)
         self._memory, self._seen = state["remembered"]
 

@@ -1,4 +1,4 @@
-"""The trainer: a training run of any algorithm in a folder; the run can be killed and resumed.
+"""The trainer: a training run of any algorithm in a folder.
 
 After every update of the algorithm the trainer writes a row of the learning curve; at the configured intervals it also
 evaluates the policy and writes the policy bundles and a checkpoint. The bundle is evaluated as it is shipped, on the
@@ -194,7 +194,7 @@ class Training:
             raise OSError(error.errno, text, error.filename or str(self.folder)) from None
 
     def _after_update(self, learned: dict[str, float]) -> None:
-        """Write the learning curve's row with the values `learned` of an update; evaluate and save where due."""
+        """Append an update's values `learned` to the learning curve; evaluate, and write a checkpoint, when due."""
         steps, config = self.algorithm.steps, self.config
         before = self.rows[-1]["steps"] if self.rows else 0
         row: dict[str, Any] = {"steps": steps, **learned}

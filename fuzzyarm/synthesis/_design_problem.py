@@ -108,7 +108,7 @@ class Point:
     objective: float  # reported by the solver: g, or γ² in units, or 0
     status: str  # reported by the solver
     variables: int  # scalar variables of the cone program
-    rows: int  # rows of its cones, counted for upper triangles
+    rows: int  # rows of its cones; a matrix counts with its upper triangle
     compile_seconds: float  # time to write and compile the problem, or to change its parameters [s]
     solve_seconds: float  # time of the solver and of recomputing the margin [s]
 
@@ -184,7 +184,7 @@ class DesignProblem:
         self.ask(given, real("scale", scale, low=GAINS[0], high=GAINS[1]))
 
     def ask(self, specification: Specification, scale: float = 1.0) -> None:
-        """Set the parameters for another specification with the same `structure_of`, and the unit c of P by `scale`."""
+        """Set the parameters for another specification with the same `structure_of`; `scale` multiplies P's unit."""
         given, s = specification, self._scaling
         self.specification, self._c = given, scale * _natural(given, s)
         self.alpha.value, self._root_c.value = given.first_alpha, math.sqrt(self._c)
@@ -276,13 +276,14 @@ class DesignProblem:
         return self._M[tuple(at.ravel() for at in np.indices(self._M.shape[:2]))]
 
     def _mean_of(self, M: Any) -> Any:
-        """Return (M_ik + M_jk)/2, or the same for L, for every pair and k, as a stack (p N_e, ...)."""
+        """Return (M_ik + M_jk)/2 of the p pairs (i, j) and every k, as a stack (p N_e, ...); `M` may also be L."""
         return 0.5 * (M[self._i, self._k] + M[self._j, self._k])
 
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
-        """Return (Ψ_ijk + Ψ_jik)/2 (p N_e, rows, rows), or with the `letter` "Phi" the same for Φ, in SI units for P/c.
+        """Return (Ψ_ijk + Ψ_jik)/2 of all pairs and k as a stack (p N_e, rows, rows); of Φ for the `letter` "Phi".
 
-        `put` assembles a matrix from block rows; `of` returns a variable or parameter, or its value.
+        They are in SI units, with P/c, M/c, ... for P, M, ... `put` assembles a matrix from block rows; `of` returns a
+        variable or parameter, or its value.
         """
         data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
         k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]
@@ -305,7 +306,7 @@ class DesignProblem:
         """Return factors for the rows of Ψ or Φ that reduce a large γ² in the rows w to one.
 
         The solver's tolerance is relative to the largest constant. The factors only reduce the rows w, so a matrix that
-        is at most -μ I with the factors is also at most -μ I in plain units.
+        is at most -μ I with them is so without them, too.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
@@ -316,7 +317,10 @@ class DesignProblem:
         return unit
 
     def _reduction(self, letter: str) -> np.ndarray:
-        """Return U such that U Ψ Uᵀ has only the rows x, ẋ_b, w, z and uncertainties, scaled; "Phi" has no w, z."""
+        """Return U such that U Ψ Uᵀ has only the rows x, ẋ_b, w, z and uncertainties of Ψ, scaled.
+
+        For the `letter` "Phi", U is that of Φ, without w, z.
+        """
         unit, n = self._row_units(letter), len(self._scaling.state)
         S_a = np.delete(np.eye(n), VELOCITY, axis=1)
         T = np.eye(len(unit))
@@ -504,7 +508,7 @@ class DesignProblem:
 
 
 def _natural(given: Specification, scaling: Scaling) -> float:
-    """Return the unit c of P that suits a specification, for a well scaled problem."""
+    """Return the unit c of P for a well scaled problem of a specification, with the other units `scaling`."""
     if given.form == "paper":
         return _PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
     gamma = given.gamma or 1.0 / scaling.stiffness

@@ -45,8 +45,8 @@ class Design:
         certificate: certificate of the controller's inequalities, all proven.
         solve_seconds: time of the search for a solution [s].
         proof_seconds: time of the proof [s].
-        variables: decision variables of the cone program.
-        rows: rows of its cones, counted for upper triangles.
+        variables: number of scalar variables of the cone program.
+        rows: number of rows of its cones, of matrices only the upper triangles.
     """
 
     controller: Controller
@@ -110,7 +110,7 @@ def _proven(
     package: str = "clarabel",
     problem: DesignProblem | None = None,
 ) -> Design:
-    """Return the design of a point; DesignFailed states by how much the proof fails, and contains the problem.
+    """Return the proven design of a `point`; DesignFailed says by how much the proof fails, and contains `problem`.
 
     The other arguments are those of `to_controller`.
     """

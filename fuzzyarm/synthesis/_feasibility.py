@@ -69,7 +69,7 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
     """Return the solver's proof that a single vertex of a large model is infeasible by itself; None without a proof.
 
     Further vertices are tried only if the first has neither a solution nor such a proof. A free γ is bounded by
-    `_LOOSEST`, because the solver rarely proves infeasibility if the only limit is the objective.
+    `_LOOSEST`, as the solver rarely proves infeasibility if only the objective limits γ. `factor` multiplies P's unit.
     """
     if 1 << len(specification.kept) < _MANY:  # small models are solved as quickly as refuted
         return None
@@ -87,7 +87,7 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
 
 
 def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> DesignProblem:
-    """Return the problem of a specification, for one vertex of A or all (None), ready to solve with a scale."""
+    """Return the problem of a specification for one vertex of A or all (None); `factor` multiplies P's unit."""
     problem = _compiled(structure_of(specification), arm, vertex, threading.get_ident())
     problem.ask(specification, factor)
     return problem
@@ -95,7 +95,10 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
 
 @functools.lru_cache(_KEPT)
 def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> DesignProblem:
-    """Return the problem of a structure (`structure_of`); each thread has its own, since it sets the parameters."""
+    """Return the problem of a structure (`structure_of`), for one vertex of A or all (None).
+
+    Each `thread` has its own problem, since callers set its parameters.
+    """
     return DesignProblem(structure, arm, vertex=vertex)
 
 
@@ -156,7 +159,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words, the first limit that suffices if relaxed alone, and the value it needs.
 
     The limits are tried in this order: fastest pole, γ if it is much stricter than `gamma_for` the arm, α, gain bound,
-    γ. If a single vertex of a large model is already infeasible, only that vertex is considered, which takes seconds.
+    γ. If a single vertex of a large model is already infeasible, only that vertex is considered.
     If a change of a single parameter of the arm would suffice, the message also names this parameter.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
@@ -204,7 +207,7 @@ def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
 
 
 def _in_the_way(specification: Specification, arm: ArmParameters, vertex: int | None) -> str:
-    """Return the advice to change a single parameter of the arm so that there is a point; "" if no change suffices."""
+    """Return advice to change a parameter of the arm so that `vertex` of A (None: all) is feasible; "" if none does."""
     slower = tuple(_LESS * speed for speed in arm.velocity_limit)
     heavier = tuple(inertia / _LESS for inertia in arm.motor_inertia)
     changed: dict[str, dict[str, Any]] = {

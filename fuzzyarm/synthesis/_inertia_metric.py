@@ -1,12 +1,12 @@
-"""Scheduled inertia M̂ and constants D_low, D_high of a robot with a small κ, proposed by programs over samples.
+"""A search for the scheduled inertia M̂ and constants D_low, D_high of a robot with a small κ.
 
     minimise κ:    D_low <= D <= D_high,    M̂ <= near + Jᵀ D_low J,    near + Jᵀ D_high J <= κ M̂
 
-at sampled angles; see `_Samples`. Because κ M̂ is bilinear, each step solves a semidefinite program instead: minimise t
-in near + Jᵀ D_high J <= κ M̂ + t M̂', with κ and M̂' from the previous step, and take κ from the solution (Dinkelbach).
-The program contains only samples with nearly active constraints; those that its solution violates most are added.
-Finally the bounds are moved to the worst angles that a search finds, so that they need little widening for the proof.
-None of this is a proof; `inertia_bounds` proves the bounds.
+at sampled angles; `_Samples` explains near, D and J. Because κ M̂ is bilinear, each step solves a semidefinite program
+instead: minimise t subject to near + Jᵀ D_high J <= κ M̂ + t M̂', with κ and M̂' from the previous step; the solution
+gives the next κ (Dinkelbach). The program contains only samples with nearly active constraints; those that its solution
+violates most are added. Finally the bounds are moved to hold at the worst angles that a search finds, and thus need
+little widening for the proof by `inertia_bounds`; none of this is a proof.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _minimise(
 
 @dataclasses.dataclass(frozen=True)
 class _Samples:
-    """The inertia M̄ = near + Jᵀ D J of a chain at sampled angles: near of the links up to a, D of those beyond."""
+    """The inertia M̄ = near + Jᵀ D J of a robot at B sampled angles: `near` of links 1 to a, D of the links beyond."""
 
     q: np.ndarray  # angles (B, n) [rad]
     near: np.ndarray  # inertia of the links up to a, with the rotors, (B, n, n) [kg m²]
@@ -88,7 +88,7 @@ class _Samples:
 
     @classmethod
     def of(cls, robot: Robot, split: int, count: int) -> _Samples:
-        """Return the inertia at `count` angles within the robot's ranges (`_angles_in`), with a = `split`."""
+        """Return samples at `count` postures within the robot's ranges (`_angles_in`), split behind link `split`."""
         n = len(robot)
         q = _angles_in(angle_ranges(robot), count, seed=0)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
@@ -193,7 +193,10 @@ class _Search:
         self.far = self.near if self.distal else frozenset()
 
     def schedule(self, weights: np.ndarray) -> None:
-        """Add a premise: N rules with weights (B, N), each with the inertia of the rule from which it was split."""
+        """Add a premise, which splits every rule; each new rule gets the inertia of the rule that was split.
+
+        `weights` (B, N) are those of the new rules at the samples.
+        """
         copies = weights.shape[1] // len(self.inertia)
         self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
@@ -202,7 +205,7 @@ class _Search:
 
         The M̂, D_low and D_high that reach a given κ form a convex set. If a solution of the program violates the
         constraints at other samples, a point between this solution and the best one so far may satisfy them. So κ never
-        rises, neither from step to step nor with more rules.
+        rises, not even with more rules.
         """
         self.kappa, best = self._settled(), self._proposal
         self._add_violated()
@@ -257,7 +260,7 @@ class _Search:
         return other
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return S_r (N, n, n) and, of D's shape, D_low, D_high and the diagonal matrix of its units, in SI units."""
+        """Return S_r (N, n, n), and of D's shape D_low, D_high and the diagonal part of D's mean, all in SI units."""
         distal = self.distal_row[:, np.newaxis] * self.distal_row
         unit = np.diag(1.0 / self.distal_row**2)
         return self.inertia / (self.row[:, np.newaxis] * self.row), self.low / distal, self.high / distal, unit
@@ -313,17 +316,20 @@ class _Search:
             self.far = active | _lowest(*gaps)
 
     def _floors(self) -> np.ndarray:
-        """Return the smallest eigenvalue of M̂ (B,) in SI units."""
+        """Return the smallest eigenvalue of M̂ in SI units at each of the B samples, (B,)."""
         scheduled = self.scheduled() / (self.row[:, np.newaxis] * self.row)
         return np.asarray(np.linalg.eigvalsh(scheduled)[:, 0])
 
     def _times_units(self, weights: np.ndarray) -> np.ndarray:
-        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ weights_r S_r with respect to the entries of S_r."""
+        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ_r h_r S_r by the entries of each S_r's triangle.
+
+        `weights` (B, N) are the h_r at the samples.
+        """
         shape = len(weights), self.weights.shape[1] * len(self.units), self.size, self.size
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
     def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
-        """Set the S_r with the largest σ in σ I <= M̂ at the program's samples, if κ <= `kappa`, μ_k <= `rates`."""
+        """Set the S_r that maximise σ, subject to σ I <= M̂, κ <= `kappa`, μ_k <= `rates`, at the program's samples."""
         near = sorted(self.near)
         hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
@@ -342,7 +348,7 @@ class _Search:
     def _step(self) -> float:
         """Solve the program at its samples, and adopt its S_r and, unless they are fixed, its D_low and D_high.
 
-        Return a bound on the decrease of κ, -t; 0 if the solver has no answer.
+        Return -t, an estimate of the decrease of κ that is still possible; 0 if the solver has no answer.
         """
         near, far = sorted(self.near), sorted(self.far)
         distal = self.distal_units if far else self.distal_units[:0]
@@ -380,7 +386,10 @@ _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 @dataclasses.dataclass(frozen=True)
 class InertiaMetric:
-    """Proposed bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
+    """Bounds on the inertia at the angles searched; quantities as in `ScheduledController`.
+
+    There, `kappa`, `floor` and `rates` are wider, to hold at all angles.
+    """
 
     premises: tuple[Premise, ...]  # the kept premises
     split: int  # a
@@ -393,9 +402,9 @@ class InertiaMetric:
 
 
 def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, count: int) -> InertiaMetric:
-    """Return the metric found for premises and a decay rate α [1/s] from `count` samples.
+    """Return the metric found for premises and a decay rate α [1/s] from samples at `count` postures.
 
-    Its κ and (3κ - 2)(α + μ) are no larger than those for only the first of the premises.
+    At the samples, further premises do not raise κ or (3κ - 2)(α + μ), see `_with_premise`.
     """
     n = split = len(robot)
     if n > _UNSPLIT:  # two or three angles from the end, with no kept angle beyond
@@ -410,7 +419,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
         distal, scale = TrigMatrix(inertia_polynomial(robot, split, n)), 1.0 / np.sqrt(np.diag(unit))
 
         def gap(bound: np.ndarray, sign: float) -> float:
-            """Return the smallest eigenvalue of `sign` times (D - `bound`) at any angles, in `unit`, at most 0."""
+            """Return the smallest eigenvalue of `sign` (D - `bound`) at any angles, relative to `unit`; at most 0."""
 
             def least(q: np.ndarray) -> np.ndarray:
                 scaled = sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale
@@ -450,7 +459,7 @@ def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count
 
 
 def _searched(robot: Robot, premises: tuple[Premise, ...], alpha: float, split: int, count: int) -> _Search:
-    """Return the search for these premises, added one by one, at `count` samples of a chain split at `split`."""
+    """Return the search run with these premises, added one by one, at `count` samples split behind link `split`."""
     search = _Search(_Samples.of(robot, split, count))
     search.run()
     for number in range(1, len(premises) + 1):
@@ -485,6 +494,6 @@ def _with_premise(
 
 
 def _slopes(premises: tuple[Premise, ...], q: np.ndarray) -> list[np.ndarray]:
-    """Return ∂h/∂q_k (B, 2^premises) [1/rad] of each premise's angle at angles q (B, n), by central differences."""
+    """Return ∂h/∂q_k (B, 2^premises) [1/rad] of the rule weights h, for each premise's angle q_k, at q (B, n)."""
     steps = [_STEP * np.eye(q.shape[-1])[premise.joint] for premise in premises]
     return [(rule_weights(premises, q + step) - rule_weights(premises, q - step)) / (2.0 * _STEP) for step in steps]

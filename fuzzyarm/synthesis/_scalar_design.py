@@ -28,7 +28,7 @@ _CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"
 
 @dataclasses.dataclass(frozen=True)
 class Feedback:
-    """A feedback of the scalar loop, its Lyapunov matrix X and its bounds."""
+    """A feedback k of the scalar loop, its Lyapunov matrix X, and its bounds γ on the L2 gain and β on the poles."""
 
     k: np.ndarray  # (k_p [1/s²], k_d [1/s], k_i [1/s³])
     X: np.ndarray  # (3, 3)
@@ -98,7 +98,7 @@ def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | No
 
 
 def _holds(found: Feedback, kappa: float, rate: float) -> bool:
-    """Return whether a feedback meets all inequalities for κ and α + μ = `rate` [1/s] in floating point, no proof."""
+    """Return whether a feedback meets all inequalities for κ and α + μ = `rate` [1/s]; in floats, this is no proof."""
     P, matrices = np.linalg.inv(found.X), [found.X]
     m = found.k[np.newaxis] @ P
     for share in (1.0 / kappa, 1.0):

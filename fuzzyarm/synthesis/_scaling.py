@@ -72,7 +72,7 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return the n_l at which n_l H R and W T/n_l (σ W T/n_l for E) are equally large.
+    """Return the unit n_l of an uncertain term with which n_l H R and W T/n_l (for E, σ W T/n_l) have the same norm.
 
     T, R, σ: `state`, `row`, `time`. In the paper's form W also acts on x_r.
     """

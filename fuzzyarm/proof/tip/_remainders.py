@@ -98,7 +98,7 @@ class LinkRemainder:
         self.at, self._layout = self._whole.at, plant.layout
         arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
         self._masses = [_Linearised(motion, _NO_FORCE, plant, arm) for arm in arms if arm is not None]
-        # r_p (2 masses, 6) over the rows `Layout.observed`
+        # r_p (2 masses, 6) over the rows `StateLayout.observed`
         self.products = np.vstack(
             [np.zeros((0, len(plant.layout.observed))), *(np.hstack(one.at) for one in self._masses)]
         )

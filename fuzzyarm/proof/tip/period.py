@@ -37,8 +37,8 @@ _LARGEST = 0.5  # of the tube's angles [rad]; no iteration has ever closed beyon
 class Closed:
     """A period with a closed tube: the deviation is proven to stay in it."""
 
-    tube: np.ndarray  # ρ (18,) in the order of `Layout.rows`
-    torques: np.ndarray  # w̄ (8,) in the order of `Layout.channels` [N m; N]
+    tube: np.ndarray  # ρ (18,) in the order of `StateLayout.rows`
+    torques: np.ndarray  # w̄ (8,) in the order of `StateLayout.channels` [N m; N]
     solution: Transition  # of the linear equation
     drive: ConstantForces  # of the uncertain constants
     columns: np.ndarray  # (10, n) of the zonotope at the end, without the torques w̄; the constants' columns first

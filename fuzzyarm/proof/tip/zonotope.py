@@ -29,7 +29,7 @@ class Zonotope:
     """A zonotope of deviations x = Z g + β, |g_i| <= 1, |β| <= box; see the module."""
 
     def __init__(self, numbers: int, constants: int) -> None:
-        """Start with zero deviation, and a zero column for each uncertain constant."""
+        """Start with x = 0, of `numbers` entries, and a zero column for each of the uncertain `constants`."""
         self.columns = np.zeros((numbers, constants))  # Z
         self.source = -1 - np.arange(constants)  # of each column, an index of `SOURCES`; -1 - i for the constant i
         self.box = np.zeros(numbers)
@@ -37,7 +37,7 @@ class Zonotope:
         self._totals: np.ndarray | None = None  # cached for a part, which does not change
 
     def add(self, columns: np.ndarray, source: int | np.ndarray) -> None:
-        """Add columns (numbers, n), all from one source or each from its own (n,)."""
+        """Add columns (entries of x, n), all from one source, an index of `SOURCES`, or each from its own (n,)."""
         used = columns.any(axis=0)
         self.columns = np.hstack([self.columns, columns[:, used]])
         self.source = np.concatenate([self.source, np.broadcast_to(source, used.shape)[used]])
@@ -50,7 +50,7 @@ class Zonotope:
         return part
 
     def totals(self) -> np.ndarray:
-        """Return bounds (numbers,) on |x|."""
+        """Return upper bounds on the entries of |x|, in the shape of x."""
         if self._totals is not None:
             return self._totals
         return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
@@ -63,7 +63,7 @@ class Zonotope:
         return np.asarray((others + np.abs(constants).sum(axis=1) + slack) * ROUND_UP)
 
     def tidy(self, box_source: int) -> None:
-        """Turn the box into columns at each `_BOX_EVERY`-th call, and merge old columns if there are too many."""
+        """Turn the box into columns from `box_source` at each `_BOX_EVERY`-th call, and merge old columns if many."""
         self._age += 1
         if self._age % _BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)
@@ -83,7 +83,7 @@ class Zonotope:
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
     def condensed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return fewer columns (numbers, n) and a box (numbers,) that enclose the set; small columns are merged."""
+        """Return columns (s, n), fewer by merging small ones, and a box (s,) that enclose this set of x (s,)."""
         columns, totals = self.columns, self.totals()
         box = self.box + len(self.box) * SLACK * totals
         if columns.shape[1] <= _FEW + len(columns):
@@ -94,7 +94,10 @@ class Zonotope:
 
 
 def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return matrix (m, n) times columns (n, k), in blocks without threads, which is faster on a busy machine."""
+    """Return matrix (m, n) times columns (n, k), block by block.
+
+    For the whole product, numpy would start threads, which is far slower on a busy machine.
+    """
     made = np.empty((len(matrix), columns.shape[1]))
     for block in _blocks(len(matrix), columns):
         np.matmul(matrix, columns[:, block], out=made[:, block])

@@ -8,11 +8,10 @@ In a quarter of the draws all lanes have the known arm. A load is a payload at t
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
 with v the velocity of the tip and Q a rotation by zero (along the course) or by any angle (across it). Pushes have any
-direction in which the tip can move, in the plane or in space; Q turns in that plane, or in space about any axis.
-Forces, payloads and small courses are those for the arm of Table 1 times the factors of `signals.scale_of`: for a
-robot, forces and payloads use the same part of a motor's torque limit along its default course, and lengths scale with
-the reach. Encoders are noisy in half of the lanes, in half of these very little; torques are delayed in a quarter of
-the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque limits are drawn again.
+direction in which the tip can move. Forces, payloads and small courses are those for the arm of Table 1 times the
+factors of `signals.scale_of`. Encoders are noisy in half of the lanes, in half of these very little; torques are
+delayed in a quarter of the lanes, by 0.5 to 2 control periods. Lanes that need more than nine tenths of the torque
+limits are drawn again.
 """
 
 import dataclasses
@@ -57,7 +56,10 @@ _PLANE = 2  # directions in which the tip of a planar robot can move
 
 @dataclasses.dataclass(frozen=True)
 class TravelForce:
-    """The force -f(t) Q v / max(|v|, v_0) with f(t) = f_0 (1 + a sin(ω t + φ)), Q a rotation, v the tip's velocity."""
+    """The force -f(t) Q v / max(|v|, v_0) [N] with f(t) = f_0 (1 + a sin(ω t + φ)), against the tip's velocity v.
+
+    Q is a rotation. Below the speed v_0 the force falls to zero with |v|.
+    """
 
     level: float  # f_0 [N]
     swing: float  # a
@@ -143,7 +145,10 @@ def _family(arm: AnyArm) -> tuple[Reference, ...]:
 def _force(
     span: np.ndarray, axes: int, duration: float, scale: float, generator: np.random.Generator
 ) -> TipForce | None:
-    """Draw a tip force in the span of orthonormal rows (·, 3) for `duration` [s], or None; `scale`: 1 for Table 1."""
+    """Draw a tip force with `axes` components, 2 or 3, in the span of orthonormal rows (·, 3); None for no force.
+
+    The course takes `duration` [s]; `scale` is a factor on the forces, 1 for the arm of Table 1.
+    """
     kind = generator.random()
     if kind < 0.15:
         return None
@@ -184,7 +189,7 @@ def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tu
 
 
 def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
-    """Return a slow motion over millimetres: a circle at 0.45 to 0.85 of the reach, or a spline for a robot."""
+    """Return a reference of a few millimetres: a circle, mostly at 0.45 to 0.85 of the reach, or a robot's spline."""
     if isinstance(arm, Robot):
         return _small_spline(arm, generator)
     reach, nearest = sum(arm.length), abs(arm.length[0] - arm.length[1])
@@ -209,7 +214,7 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
 
 
 def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal robot follows a reference under a load with at most 0.9 of its torque limits."""
+    """Return whether 0.9 of a rigid robot's torque limits suffice for a reference under a load with a force (axes,)."""
     time = np.linspace(0.0, reference.duration, _INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")

@@ -33,7 +33,7 @@ class Chunk(NamedTuple):
     memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step
 
     def window(self, segment: int, steps: int) -> Chunk:
-        """Return the part of `steps` steps that begins with the segment number `segment`, see `SEGMENT`."""
+        """Return the `steps` steps of this chunk from step `segment` * `SEGMENT` on, with the memory before them."""
         where = slice(SEGMENT * segment, SEGMENT * segment + steps)
         return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 

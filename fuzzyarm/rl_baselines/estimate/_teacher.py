@@ -59,14 +59,14 @@ class Teacher:
         return wanted
 
     def beliefs(self) -> np.ndarray:
-        """Return the adaptive observer's beliefs (lanes, states and parameters), true in all entries but the force."""
+        """Return true values of the adaptive observer's beliefs (lanes, states and parameters), but zero force."""
         s = self._settings
         p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]
         return np.hstack([self._lanes.numbers(slice(size(self._physics.State))).T, p])
 
     def _numbers(self) -> np.ndarray:
-        """Return the true parameters (lanes, k) of the arms, which are affine in the beliefs, see `adaptive.belief`."""
+        """Return the constants of the true arms and payloads (lanes, k), each row a vector a of `adaptive.belief`."""
         lanes, physics = self._lanes, self._physics
         if physics is two_joints():
             return np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
