@@ -152,7 +152,7 @@ class Controller(SignedController):
 
 
 def consistent_feedforward(model: TSModel) -> np.ndarray:
-    """Return the feedforward gains L (N, N_e, 2, 6) of the consistent form.
+    """Return the feedforward gains L (N, N_e, 2, 6) of the consistent form, in SI units.
 
     L_ik has rows 3 and 4 of -A_pi, then those of E_pk in its columns 3 and 4.
     """
