@@ -52,7 +52,7 @@ def real(
 
 
 def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> int:
-    """Return a whole number from `low` to `high` (None: unbounded) as int."""
+    """Return `value` as an int; TypeError or ValueError unless it is a whole number from `low` to `high`, if given."""
     allowed = f"allowed: {low}, {low + 1}, {low + 2}, ..." if high is None else f"allowed: {low} to {high}"
     if isinstance(value, _NO_NUMBERS) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} = {shown(value)} must be a whole number; {allowed}")
@@ -153,7 +153,7 @@ def sequence_of(name: str, values: Any) -> Sequence[Any]:
 def finite_array(
     name: str, values: Any, shape: tuple[int, ...], unit: str = "", *, largest: float = math.inf
 ) -> np.ndarray:
-    """Return a new float64 array of a shape with entries between -`largest` and `largest`; errors name the array."""
+    """Return `values` as a new float64 array of this shape within ±`largest`; errors state `name` and `unit`."""
     array = array_of(name, values)
     real_entries(name, array, unit)
     if array.shape != shape:
@@ -184,7 +184,7 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
 
 
 def all_finite(array: np.ndarray) -> bool:
-    """Return whether all numbers of an array are finite; a small array is tested by its sum, faster than by NumPy."""
+    """Return whether all numbers of an array are finite; a small array is tested by its sum, which is faster."""
     few = array.size <= _FEW and math.isfinite(sum(array.ravel().tolist()))
     return few or bool(np.isfinite(array).all())
 

@@ -2,8 +2,8 @@
 
 On a terminal a table has rules, and each word of a heading is on a line of its own. Digits are never cut: a table that
 is too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain
-columns of text, neither folded nor split. Progress is shown on standard error: a bar on a terminal, otherwise plain
-lines, the first after two seconds, then at growing intervals of up to a minute.
+columns of text. Progress is shown on standard error: a bar on a terminal, otherwise plain lines, the first after two
+seconds, then at growing intervals of up to a minute.
 
 Names of files and policies are untrusted: everything is printed by `output` and `say`, which escape control characters.
 """
@@ -94,7 +94,7 @@ def escaped(text: str, *, lines: bool = False) -> str:
 
 
 def say(text: str, *, error: bool = False) -> None:
-    """Print text of one or more lines to standard output or to standard error; a terminal breaks lines at spaces."""
+    """Print `text` to standard error, or by default to standard output, wrapped at spaces if that is a terminal."""
     if error:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)
@@ -144,7 +144,7 @@ def _console(**settings: Any) -> Console:
     from rich.console import Console
 
     class Output(Console):
-        """A console that raises if the reader of the pipe has left; rich itself would exit with code 1."""
+        """A console that raises BrokenPipeError if its output pipe is closed; rich itself would exit with code 1."""
 
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError

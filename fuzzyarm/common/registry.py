@@ -17,7 +17,7 @@ _REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that defines each
 
 
 class Registry(dict[str, _Thing]):
-    """Objects by name; those added to the `shipped` ones are the `additions` of this process."""
+    """Objects by name: those of the package, named in `shipped`, and those added later in this process."""
 
     def __init__(self, home: str, shipped: Mapping[str, _Thing]) -> None:
         super().__init__(shipped)
@@ -30,7 +30,7 @@ class Registry(dict[str, _Thing]):
 
     @staticmethod
     def additions() -> dict[str, dict[str, Any]]:
-        """Return the objects added to each registry of this process, by the registry's module, for `adopt`."""
+        """Return the objects added in this process, for `adopt`, by the registry's module and the object's name."""
         return {home: added for home, registry in _REGISTRIES.items() if (added := registry.added())}
 
     @staticmethod

@@ -14,7 +14,7 @@ __all__ = ["Film"]
 class Film:
     """The trace of an arm's episode, and its pictures: as arrays, or in a window at `fps` frames per second.
 
-    The canvas is made for the first picture. The control period is in s.
+    The control period is in s.
     """
 
     def __init__(self, in_window: bool, fps: float, control_period: float, arm: AnyArm) -> None:
@@ -30,7 +30,10 @@ class Film:
         self._trace.clear()
 
     def follow(self, time: float, vectors: np.ndarray, schedule: Schedule, ended: bool) -> None:
-        """Add `VECTORS` (9, `Layout.longest`) at a time [s] to the trace; draw if a frame is due or at the end."""
+        """Add `vectors` (9, `Layout.longest`), in the order of `VECTORS`, at a time [s] to the trace.
+
+        In a window, draw a picture if a frame is due or the episode has `ended`.
+        """
         self._time = time
         self._trace.append(vectors)
         if self._in_window and (ended or (len(self._trace) - 1) % self._steps_per_frame == 0):

@@ -106,7 +106,7 @@ def _between(number: Any, low: Any, high: Any) -> Any:
 
 
 class Given(NamedTuple):
-    """What a lane's episode begins with: the indices of its plant and schedule, and where its payload is."""
+    """What a lane's episode begins with: indices of its plant and schedule, and its payload's position on the link."""
 
     plant: Any  # index of the lane's plant
     start: Any  # index of the schedule to begin, or of the first one of a family
@@ -142,7 +142,7 @@ def begun(
 
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
-    """Return ``drawn(key, ranges)``: a `draw_record` of uniform samples in ranges; its `reference` is rounded down."""
+    """Return ``drawn(key, ranges)``: a `draw_record`, each number uniform in its range; `reference` is rounded down."""
     at = places(draw_record(joints))  # here, because torch cannot compile a look-up in a cache
 
     def drawn(key: Any, ranges: Any) -> Any:

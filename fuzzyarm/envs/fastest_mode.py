@@ -46,7 +46,7 @@ def fastest_rate(arms: Iterable[AnyArm], drawn: DomainRandomisation | None = Non
 def _rate(
     arm: AnyArm, mass: float, motor_inertia: float, stiffness: float, damping: float, viscous_friction: float
 ) -> float:
-    """Return max(ω, β) [rad/s] of an arm whose quantities are multiplied by these factors; inf if M_b is singular."""
+    """Return the module's max(ω, β) [rad/s] for an arm's quantities times these factors; inf if M_b is singular."""
     robot = robot_of(arm)
     low, high = angle_ranges(robot)
     postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, len(robot)))

@@ -1,8 +1,7 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
 `FuzzyArmEnv.step` passes an action to machine code that is recorded from `Kernels.step`. There, `control_step` defines
-the control step, and `Physics.step` (`integrator.step` for two joints) the equations of motion. The machine code
-writes the observation and the results into one array.
+the control step, and `Physics.step` (`integrator.step` for two joints) the equations of motion.
 """
 
 import dataclasses
@@ -98,8 +97,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and of all plants that can be drawn,
     see `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation`: what each episode
     draws from its seed; `info["randomisation"]` reports the draws), `render_mode` ("human", a window with 50 pictures a
-    second, or "rgb_array"; in that mode ``metadata["render_fps"]`` is one over the control period, so that a video with
-    a picture after every step plays in real time).
+    second, or "rgb_array"; then ``metadata["render_fps"]`` is one over the control period).
 
     `reset(options=...)` accepts `initial_state` (4 n numbers in the order of `State`), `reference`, and `case` or
     `disturbance`; they apply to the episode that it begins.
@@ -292,7 +290,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             raise ValueError(f"action = {torque} N m is not finite; give finite torques (clipped to ±{limit} N m)")
 
     def render(self) -> np.ndarray | None:
-        """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
+        """Return the picture (H, W, 3) in mode ``rgb_array``, else None; in mode ``human``, `step` shows pictures."""
         if self.render_mode == "rgb_array":
             return self._film.picture(self._lanes.schedule(0)[1])
         if self.render_mode is None:

@@ -20,7 +20,7 @@ _RESOLVED, _STABLE = 1.0, 2.0
 
 
 def checked_period(name: str, period: Any) -> float:
-    """Return a control period [s] as a float; the message of an error calls it `name`."""
+    """Return a control period [s] as a float if it is from 1e-6 to 0.1; otherwise the error calls it `name`."""
     return checks.real(name, period, "s", low=SHORTEST_PERIOD, high=_LONGEST_PERIOD)
 
 
@@ -42,9 +42,9 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s] a control period [s] has.
+    """Return the number of sub-steps in a control period; `control_period` and `substep` are in s.
 
-    Without `substep`, it is the default for an arm whose fastest mode has `rate` [rad/s].
+    If `substep` is None, the number is the default for an arm whose fastest mode has `rate` [rad/s].
     """
     period = checked_period("control_period", control_period)
     if substep is None:

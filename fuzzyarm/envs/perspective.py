@@ -4,7 +4,7 @@ With the eye e, unit vectors r (right), d (down) and a (ahead), a point p is see
 
     (right, down) = center + focal (rᵀ (p - e), dᵀ (p - e)) / depth,    depth = aᵀ (p - e).
 
-Gravity points down the picture. The robot faces from left to right. The camera looks slightly downwards, and as
+Gravity points down the picture, and the robot reaches to the right. The camera looks slightly downwards, and as
 squarely as possible at the plane of the path and at the vertical plane through the base and the middle of the path.
 """
 
@@ -105,7 +105,7 @@ def in_space(vectors: np.ndarray) -> np.ndarray:
 
 
 def looking_at(robot: Robot, path: np.ndarray) -> Camera:
-    """Return a camera for a robot whose tip follows a path (n, 3) [m]; `Camera.fitted` then sets the scale."""
+    """Return a camera for a robot whose tip follows a path (n, 3) [m]; the caller scales it by `Camera.fitted`."""
     up, middle = upwards(robot), path.mean(axis=0)
     forwards = _unit(middle - (middle @ up) * up)
     if not forwards.any():  # the path is above or below the base

@@ -1,1 +1,1 @@
-"""The commands, one module each; the `Options` of a module are its command-line options and run the command."""
+"""The commands, one module each: the fields of a module's `Options` are the options; `run` runs the command."""

@@ -79,7 +79,7 @@ class Options:
 
 
 def _problem(options: Options) -> Any:
-    """Return the problem of `fuzzyarm prove` that the options for an automaton define."""
+    """Return the problem of `fuzzyarm prove` for the policy, robot, set of plants and initial states in the options."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.policies.tip_bound import TipClaim, problem_of

@@ -31,7 +31,7 @@ class Options:
     """Print the results as JSON instead of the tables"""
 
     def run(self) -> int:
-        """Write tables and figures; return 1 if a number has drifted."""
+        """Write tables and figures; return 1 if a number is too far from the stored one, else 0."""
         from fuzzyarm.eval.paper import _report as report
         from fuzzyarm.eval.paper.evidence import gather
         from fuzzyarm.eval.paper.figures import write_figures

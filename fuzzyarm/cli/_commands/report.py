@@ -29,7 +29,7 @@ class Options:
     be repeated"""
 
     def run(self) -> int:
-        """Write the page."""
+        """Write the page; return the exit code."""
         from fuzzyarm.eval.report.page import write_report
 
         output_file(self.out, ".html")

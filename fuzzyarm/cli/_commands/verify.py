@@ -18,11 +18,11 @@ __all__ = ["Options"]
 
 @dataclass(frozen=True)
 class Options:
-    """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
+    """Build every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
 
-    For the semidefinite form, bounds on the robot's inertia are proven on boxes that cover its joint angles, in ball
-    arithmetic with outward rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The
-    exit code is 0 only if everything is proven.
+    For a controller in the semidefinite form of `fuzzyarm design`, bounds on the robot's inertia are proven on boxes
+    that cover its joint angles, in ball arithmetic with outward rounding. A file of `fuzzyarm prove` is checked period
+    by period, in ball arithmetic. The exit code is 0 only if everything is proven.
     """
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]

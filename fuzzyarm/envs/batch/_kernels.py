@@ -24,7 +24,7 @@ __all__ = ["Kernels", "kernels_of"]
 
 
 class Kernels:
-    """Kernels for arms with the same equations, each recorded when it is first used, on arrays with a `layout`."""
+    """Kernels for arms with the same equations; each is recorded at its first use. `layout` describes the arrays."""
 
     def __init__(self, physics: Physics) -> None:
         self.layout = layout_of(physics)
@@ -66,9 +66,9 @@ class Kernels:
     def begin(self) -> Kernel:
         """The kernel that begins an episode in every lane.
 
-        The kernel's arrays are values, clock, the draws (entries, lanes), `Given` and the initial states (lanes,
-        entries), observations and `StepResults` (entries, lanes). Its constants are the ranges of the draws; its tables
-        are plants, starts and schedule.
+        The kernel's arrays are values and clock, as in `layout`; draws (entries, lanes); `Given`, initial states and
+        observations, each (lanes, entries); `StepResults` (entries, lanes). Its constants are the ranges of the draws;
+        its tables are plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
@@ -115,7 +115,6 @@ _LAYOUTS = {"R": PortLayout.ROWS, "C": PortLayout.COLUMNS, "B": PortLayout.BLOCK
 
 
 def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[int, ...]], layouts: str) -> Kernel:
-    """Return the kernel of a `Program` of the first four arguments; `layouts` has a key of `_LAYOUTS` for each port."""
     with np.errstate(over="ignore"):  # products of words may overflow
         program = Program(function, ports, constants, tables)
     return Kernel(program, [_LAYOUTS[one] for one in layouts])
@@ -124,7 +123,7 @@ def _kernel(function: Any, ports: Any, constants: Any, tables: Sequence[tuple[in
 def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> StepResults:
     """Return the `StepResults` of a step that ends with `moved` at a time [s].
 
-    `target` is the tip's at that time; `over` says whether the schedule ends then.
+    `target` is the tip's target at that time, a `target_record`; `over` says whether the schedule ends then.
     """
     found, state = moved.found, moved.state
     vectors = StepVectors(

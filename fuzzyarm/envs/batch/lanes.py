@@ -212,7 +212,7 @@ class Lanes:
         return call
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> _Outcome:
-        """Step like `step`, but begin the next episode in the lanes `over` (n,), whatever the action."""
+        """Step like `step`, but begin the next episode in lanes with the indices `over` (n,), whatever their action."""
         action[over] = 0.0
         # The kernel steps every lane, and no lane may be in its last row; `restart` then overwrites this step.
         ends = self.clock[CLOCK.row, over]
@@ -232,7 +232,7 @@ class Lanes:
         return seen
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
-        """Return the draws of the episodes by quantity, read-only: (count, joints) if one per joint, else (count,)."""
+        """Return the latest draws by quantity, read-only: (lanes, joints) if one per joint, else (lanes,)."""
         return self._drawn_info
 
     def schedule(self, lane: int) -> tuple[Reference, Schedule]:
@@ -280,9 +280,10 @@ class Lanes:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
     def _check_contents(self, arrays: _SavedArrays, over: np.ndarray | None) -> None:
-        """Raise ValueError unless the lanes can reach the state `arrays`; only the lanes `over` (n,) may have ended.
+        """Raise ValueError unless the lanes can reach the state `arrays`.
 
-        Everything except the arm's state and the current instant is determined by the key of the episode.
+        Only episodes in the lanes with the indices `over` (n,) may have ended; None: no lanes. Everything except the
+        arm's state and the current instant is determined by the key of the episode.
         """
         clock, begun = arrays["clock"], (self.values.copy(), self.clock.copy(), self.drawn.copy())
         values, expected, drawn = begun

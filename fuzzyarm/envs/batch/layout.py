@@ -6,7 +6,7 @@ table (rows, entries of a row)            stacked schedules of all episodes, see
 starts (schedules, entries of `Start`)    rows of each schedule, and initial data of its episode
 out                                       observations and `StepResults` of a step in one array, see `Layout.split`
 
-A `Layout` has the parts that depend on the equations, that is, on the numbers of joints and axes.
+A `Layout` has the parts that depend on the numbers of joints and axes.
 """
 
 import functools
@@ -100,10 +100,10 @@ class Layout:
     """Record types for the equations of an arm, and the index of each entry in its array.
 
     Attributes:
-        Lane: data of a lane during its episode: state, constants, limits, the factor of its tip force, `Noise`.
+        Lane: data of a lane during its episode: state, constants, limits, factor on the tip force, `Noise`.
         LANE: index of each entry of `Lane`.
-        observed: length of an observation; `longest`: length of the longest vector; `reported`: size of `StepResults`.
-        parts: slice of each vector in the concatenation of all vectors.
+        observed: length of an observation; `longest`: of the longest of `StepVectors`; `reported`: of `StepResults`.
+        parts: slice of each of the `StepVectors` in their concatenation.
     """
 
     def __init__(self, physics: Physics) -> None:
@@ -122,7 +122,7 @@ class Layout:
         return layout_of, (self.physics,)
 
     def size(self, lanes: int) -> int:
-        """Return how many numbers the array `out` of the module has for this number of lanes."""
+        """Return the number of entries of the array `out`, see the module's docstring, for this number of lanes."""
         return -(-self.observed * lanes // _LINE) * _LINE + self.reported * _apart(lanes)
 
     def arrays(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -134,8 +134,7 @@ class Layout:
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return views of one array `out` (`size`,): observations (lanes, `observed`), vectors and scalars (10, lanes).
 
-        Vectors (entries, lanes) have a row for each entry, see `each`; scalars are those of `SCALARS`. The result is a
-        plain tuple, since a record would slow small batches.
+        Vectors (entries, lanes) have a row for each entry, see `each`; scalars are those of `SCALARS`.
         """
         observations, numbers = self.arrays(out, lanes)
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
@@ -180,7 +179,7 @@ class StepRoom:
         self.kept: Any = None
 
     def array(self) -> np.ndarray:
-        """Return the memory as an array (size,) of arbitrary content."""
+        """Return a view (size,) of the memory; its numbers are arbitrary until they are written."""
         return self._array[self._first : self._stop]
 
 

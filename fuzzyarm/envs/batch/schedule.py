@@ -56,7 +56,7 @@ class Schedule:
 
     @property
     def columns(self) -> Any:
-        """The slice of columns of each field of a row."""
+        """A record that has, for each field of `row_record`, the slice of its columns in `table`."""
         return columns(row_record(self.joints, self.axes))
 
     @property
@@ -115,7 +115,10 @@ class Schedule:
 
 
 def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
-    """Return (steps, 2 axes) [N]: the mean force over each step, and the change of the least-squares line in it."""
+    """Return (steps, 2 axes) [N]: the mean tip force over each step, then the change of its least-squares line.
+
+    The steps begin at `starts` (steps,) [s] and last `period` [s].
+    """
     shares = (np.arange(_FORCE_SAMPLES) + 0.5) / _FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
@@ -130,7 +133,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
 
 
 def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
-    """Return the targets (times, 7 or 10): tip of the reference, normal of the curve, center and radius or zeros."""
+    """Return rows (times, 7 or 10): the reference's tip, the curve's normal, center and radius (0 unless a circle)."""
     position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
     circle = np.zeros(axes + 1)
     if reference.circle is not None:

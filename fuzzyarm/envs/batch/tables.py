@@ -71,7 +71,7 @@ class Assignment:
 
     @property
     def own_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the first episode and `payload_place` in each lane's own scenario, both (lanes,)."""
+        """For each lane's own scenario, its first episode's row in `own.starts` and `payload_place`, both (lanes,)."""
         scenarios, places = self._own
         return self.own.firsts[scenarios], places
 
@@ -147,7 +147,7 @@ def tabulated(
 def _shared(compute: Callable[..., Any], *arguments: Any) -> Any:
     """Return compute(*arguments). If all arguments are immutable, all batches share one result.
 
-    The 320 references of the learning task take a second to tabulate, and their table has 30 MB.
+    Tabulating the 320 references of the learning task takes a second and 30 MB.
     """
     return (compute if _constant(arguments) else compute.__wrapped__)(*arguments)  # type: ignore[attr-defined]
 
@@ -176,7 +176,7 @@ def _tables(kinds: tuple[Scenario, ...], family: tuple[Reference, ...], control_
 
 
 def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Plan]:
-    """Return the episodes of a scenario, one or, without a reference, one for each of the `family`; see `_tables`."""
+    """Return a scenario's episodes: one if it has a reference, else one per reference in `family`; see `_tables`."""
     (disturbance, reference), given = scenario, scenario[0].encoder_noise
     mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
     noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)

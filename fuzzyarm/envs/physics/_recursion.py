@@ -46,9 +46,9 @@ class Body(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """The frames, links and tip of a robot whose joints turn about z; `turns` state its joint angles.
+    """The frames, links and tip of a robot whose joints turn about z; `turns` are sine and cosine of each angle.
 
-    All methods except `regrouped` need `turns`, and the bodies of mass 0 that `regrouped` returns.
+    All methods except `regrouped` need `turns`; `mass_matrix` and `torques` need bodies of mass 0, see `regrouped`.
     """
 
     rotations: Sequence[Sequence[Sequence[Any]]]  # A_j
@@ -58,7 +58,7 @@ class Chain(NamedTuple):
     turns: Sequence[_Turn] = ()  # of each joint
 
     def regrouped(self) -> list[Body]:
-        """Return bodies without masses that have the same equations of motion; see the module."""
+        """Return a body of mass 0 for each link, such that the equations of motion are the same; see the module."""
         left: list[Body] = []
         rest = list(self.bodies)
         for j in reversed(range(len(rest))):
@@ -133,14 +133,14 @@ class Chain(NamedTuple):
         return vector
 
     def tip_point(self) -> Vector:
-        """Return the tip [m] in the base frame: x = d_j + A_j Z(q_j) x from the last joint to the first."""
+        """Return the position of the tip [m] in the base frame."""
         point = self.tip
         for j in reversed(range(len(self.turns))):
             point = _sum(self.positions[j], rotated(self.rotations[j], _turned(self.turns[j], point)))
         return point
 
     def tip_velocity(self, rates: Sequence[Any]) -> Vector:
-        """Return the tip's velocity [m/s] in the base frame: ẋ ← A_j Z(q_j) (ẋ + q̇_j z × x) for j = n, ..., 1."""
+        """Return the velocity of the tip [m/s] in the base frame."""
         point, velocity = self.tip, NOTHING
         for j in reversed(range(len(self.turns))):
             velocity = (velocity[0] - rates[j] * point[1], velocity[1] + rates[j] * point[0], velocity[2])
@@ -153,7 +153,6 @@ class Chain(NamedTuple):
         return self._moved_force(j, _turned(self.turns[j], force), _turned(self.turns[j], moment))
 
     def _moved_force(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """Transform like `_passed_on`, but from the axes that frame j has at q_j = 0."""
         force, moment = rotated(self.rotations[j], force), rotated(self.rotations[j], moment)
         return force, _sum(moment, _cross(self.positions[j], force))
 
@@ -221,7 +220,7 @@ def joined(first: Body, second: Body) -> Body:
 
 
 def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Body:
-    """Return a body in terms of another frame, in which its own has this pose, by the parallel-axis theorem."""
+    """Express a body in another frame, in which `rotation` and `position` [m] give the body's present frame."""
     d, k, m = position, rotated(rotation, body.moment), body.mass
     e = rotated_inertia(rotation, body.inertia)
     moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])
@@ -241,7 +240,7 @@ def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Iner
 
 
 def _turned_inertia(turn: _Turn, inertia: Inertia) -> Inertia:
-    """Return Z L Zᵀ, with Z the rotation about z and L the inertia; the constant L_xx + L_yy saves multiplications."""
+    """Return Z L Zᵀ, with Z the rotation about z and L the inertia."""
     (sine, cosine), L = turn, inertia
     first, second = cosine * L.xx - sine * L.xy, cosine * L.xy - sine * L.yy
     xx, xy = cosine * first - sine * second, sine * first + cosine * second

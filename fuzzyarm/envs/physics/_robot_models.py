@@ -215,7 +215,10 @@ class _Model:
         return parts
 
     def place(self, name: str) -> np.ndarray:
-        """Return a link's or site's position (3,) [m] in the base; ValueError unless it moves with the last joint."""
+        """Return a link or site's position (3,) [m] in the base frame; ValueError unless it moves with the last joint.
+
+        All joints are at angle 0.
+        """
         site = self._number("mjOBJ_SITE", name)
         body = int(self.model.site_bodyid[site]) if site >= 0 else self._number("mjOBJ_BODY", name)
         if body < 0:
@@ -249,7 +252,10 @@ class _Model:
         return values, differs
 
     def stated(self, name: str, joint: int) -> dict[str, Any]:
-        """Return a joint's values in the model by quantity; None for a quantity that is absent or cannot be read."""
+        """Return the model's values for joint `name`, such as "torque_limit"; None: the value is absent or unreadable.
+
+        `joint` is the joint's number in MuJoCo.
+        """
         values, differs = self._stated(name, joint)
         return values | dict.fromkeys(differs)
 
@@ -363,7 +369,7 @@ def read_robot(path: str | Path) -> Robot:
     """Read a robot file: a TOML file that states all values (`Robot.from_toml`), or an overlay that names a model.
 
     Raises:
-        ModuleNotFoundError: the file names a model, and MuJoCo is not installed; the message names the extra.
+        ModuleNotFoundError: the file names a model, and MuJoCo is not installed.
         ValueError: the robot is not a chain of revolute joints, a link has no inertia, a value is missing or out of
             range, or the model has unsupported elements; the message names the file and all problems by joint.
         OSError: the file or the model cannot be read.
@@ -382,7 +388,10 @@ def read_robot(path: str | Path) -> Robot:
 def robot_of_model(
     tree: _Model, tip: Any, joints: Mapping[str, Any], sources: tuple[str, ...], assumptions: tuple[str, ...]
 ) -> Robot:
-    """Return the robot of a model with a tip (name or point [m]), values by joint, and texts about their origin."""
+    """Return the robot of a model, with `tip` and `joints` as in a robot file.
+
+    The texts `sources` state where the values come from, `assumptions` which are assumed.
+    """
     overlay = {"model": "", "tip": tip, "joints": joints, "sources": sources, "assumptions": assumptions}
     return _robot(tree, record(overlay, _Overlay))
 

@@ -169,9 +169,9 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links; the last carries two masses [kg], `tip_payload` at the tip and `payload` at `place`.
+        """Return the links of `plant`; the last carries masses [kg]: `tip_payload` at the tip, `payload` at `place`.
 
-        The place is from 0 (the link's mass center) to 1 (tip).
+        `place` is 0 at the link's mass center and 1 at its tip.
         """
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
@@ -320,7 +320,7 @@ def _like(numbers: Iterable[Any], angles: Any) -> list[Any]:
 
 
 def _frame(axis: np.ndarray) -> np.ndarray:
-    """Return a rotation whose third column is the axis; a permutation with signs for an axis along x, y or z."""
+    """Return a rotation whose third column is the unit vector `axis`; if that is x, y or z, all entries are 0 or ±1."""
     along = int(np.abs(axis).argmax())
     first = np.eye(DIMENSIONS)[(along + (1 if axis[along] > 0.0 else 2)) % DIMENSIONS]
     first = first - (first @ axis) * axis

@@ -1,7 +1,7 @@
 """Rigid-body and joint dynamics of the arm, equations (1) to (3) with the signs of the descriptor form (5).
 
 Angles are measured from the hanging position: the x axis of (26) points down and gravity pulls along +x.
-Elementwise source, see `friction`.
+All equations are written for single numbers and for arrays, see `friction`.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ _PLACES = ("tip", "link")
 class Payload:
     """A point mass on link 2, unknown to the controller (Case 3).
 
-    Any object with `mass` and `radius` is a payload, so your own class can place one elsewhere.
+    On the two-joint arm, any object with `mass` and ``radius(arm)``, its distance [m] from joint 2, is a payload.
 
     Attributes:
         mass: carried mass [kg], >= 0.

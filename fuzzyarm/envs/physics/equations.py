@@ -51,7 +51,7 @@ def equations_of(arm: AnyArm) -> Physics:
 
 
 def bounds_of(arm: AnyArm) -> _Ranges:
-    """Return the limits of an arm, all of shape (joints,)."""
+    """Return an arm's angle limits [rad], speed limits [rad/s] and torque limits [N m], each of shape (joints,)."""
     physics = equations_of(arm)
     limits = physics.limits(physics.plant_of(arm))
     low, high = physics.angle_range(limits)
@@ -61,10 +61,8 @@ def bounds_of(arm: AnyArm) -> _Ranges:
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm given by the arguments ``robot`` and ``parameters`` of an environment; both None: Table 1.
 
-    Args:
-        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, folder of `fuzzyarm
-            tune`, a `Robot`, or `ArmParameters`; None: the two-joint arm.
-        parameters: parameters of the two-joint arm, or None.
+    `robot` is the name of a shipped robot, the path of the TOML file of a robot or of a two-joint arm, a folder of
+    `fuzzyarm tune`, a `Robot`, or `ArmParameters`. `parameters` are those of the two-joint arm.
     """
     if robot is None:
         return ArmParameters() if parameters is None else checks.instance("parameters", parameters, ArmParameters)
@@ -195,7 +193,6 @@ def _directions(angles: PerJoint) -> tuple[Any, Any, Any, Any]:
 
 
 def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
-    """Return the distance of a payload from joint 2 [m]."""
     return checks.real("payload radius", payload.radius(parameters), "m", low=0.0, high=LARGEST)
 
 

@@ -1,8 +1,9 @@
 """Kinematics and dynamics of the links of a `Robot`, in NumPy: M(q) q̈ + C(q, q̇) q̇ + g(q) = τ + J(q)ᵀ F.
 
 The recursive algorithms of Featherstone (Rigid Body Dynamics Algorithms, 2008) in coordinates of the base, where a
-sum along the chain needs no change of frame. A velocity or acceleration is the pair (ω, v): rotation, and velocity of
-the point of the body that is at the base's origin. A force is the pair (n, f): moment about that origin, and force.
+sum along the chain needs no change of frame. A velocity is the pair (ω, v): angular velocity, and velocity of the
+body's point at the base's origin; an acceleration is its derivative. A force is the pair (n, f): moment about that
+origin, and force.
 
     s_i = (z_i, p_i × z_i)                                   axis of joint i, z_i its direction, p_i its origin
     v_i = Σ_{j<=i} s_j q̇_j
@@ -11,8 +12,8 @@ the point of the body that is at the base's origin. A force is the pair (n, f): 
     τ_i = s_iᵀ Σ_{k>=i} f_k                                  recursive Newton-Euler
     M_ij = s_iᵀ (Σ_{k>=max(i,j)} I_k) s_j                    composite rigid bodies
 
-All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. They are written for
-readability; `_serial` has the same equations for every kind of number.
+All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. `_serial` has
+the same equations for every kind of number.
 """
 
 from typing import Any, NamedTuple
@@ -121,7 +122,10 @@ def _axes(links: Frames) -> np.ndarray:
 
 
 def _inertias(robot: Robot, links: Frames) -> np.ndarray:
-    """Return the inertias (..., n, 6, 6): [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center."""
+    """Return the spatial inertias I_i (..., n, 6, 6) of the links about the base's origin.
+
+    I_i = [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center, 1 the identity matrix.
+    """
     now, turn = robot.arrays, links.rotation
     mass = now.mass[:, np.newaxis, np.newaxis]
     across = _skew(links.origin + np.einsum("...kij,kj->...ki", turn, now.center))
