@@ -1,7 +1,8 @@
 """Products and solutions of small linear systems, bit for bit the same on every processor.
 
 A linear algebra library selects its kernels by processor, and these round in different orders. Here every number is
-computed in one fixed order by +, -, * and /, which IEEE 754 rounds correctly. Leading axes list matrices.
+computed in one fixed order by +, -, * and /, which IEEE 754 rounds correctly. Arrays (..., m, n)
+are stacks of matrices.
 """
 
 import numpy as np

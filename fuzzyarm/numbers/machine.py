@@ -1,8 +1,7 @@
 """A recorded program as machine code, compiled by LLVM; one arm and many at once give the same bits.
 
 The program becomes LLVM text with vectors of `width` arms, and no operation may be contracted or reordered. Each
-arm's numbers stay in arrays, see `PortLayout`. Those of `width` arms are loaded, stay in the processor's first-level
-cache for all steps, and are stored again.
+arm's numbers stay in arrays, see `PortLayout`; those of `width` arms are loaded once for all steps.
 
 Machine code is kept on disk under a digest of text, processor, optimisation level and LLVM's version. A damaged file is
 replaced; without a writable folder no files are written.
@@ -63,14 +62,14 @@ class Call:
 
     @property
     def entry(self) -> tuple[Callable[[bytes], None], bytes]:
-        """The function and the argument of `__call__`, for the fastest call; this object must be kept alive."""
+        """A function f and its argument x: f(x) does what `__call__` does, but faster. Keep this object alive."""
         return self._code.call, self._job
 
 
 class _Known:
-    """A kernel's machine code, and its arguments that follow from the shapes of arrays, constants and tables.
+    """The machine code of a kernel for arrays, constants and tables of certain shapes.
 
-    `apart` lists by how many numbers the rows of each array are apart, then the number of rows of each table.
+    `apart` lists the distance, in numbers, between the rows of each array, then the number of rows of each table.
     """
 
     def __init__(
@@ -83,12 +82,12 @@ class _Known:
         self._places = [_address(array) for array in (self.constants, *self.tables)]
 
     def fits(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> bool:
-        """Return whether arrays, constants and tables have the same shapes, strides and types as the known ones."""
+        """Return whether arrays, constants and tables have the shapes, strides and types this object was made for."""
         same = constants is self.constants and tables is self.tables
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
     def job(self, steps: int, places: Iterable[int]) -> bytes:
-        """Return the code's packed argument: first arm, last arm + 1, steps, arrays' addresses `places`, `apart`."""
+        """Return the packed argument with which the machine code runs `steps` steps of all arms on data at `places`."""
         return self._pack(0, self.arms, steps, *places, *self._apart)
 
     def run(
@@ -223,7 +222,7 @@ class _Code:
 
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
-    """Return the machine code of an LLVM text for `width` arms at once, from the cache folder, or compiled into it."""
+    """Return the machine code of an LLVM text for `width` arms at once, compiled unless the cache folder has it."""
     level = 1 if width > 1 else 2  # LLVM's optimisation level
     _initialise()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

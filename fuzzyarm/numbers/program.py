@@ -193,7 +193,7 @@ def _key(operand: Any) -> Any:
 
 
 class _Symbols:
-    """The functions of the module `functions` for symbols."""
+    """The functions of the module `functions` for symbols: they record operations in a program."""
 
     @staticmethod
     def select(condition: Symbol, first: Any, second: Any) -> Any:

@@ -115,10 +115,10 @@ class Index:
 
 
 class Array:
-    """Entries of an arm, or of a table, that are read and written by index while a function is recorded.
+    """An array in an arm's memory, or a table. Reading or assigning an entry by index is recorded in the program.
 
-    `memory` is "room" (the ports' numbers), "table0", ..., or "array0", ... (the program's own arrays); the entries
-    begin at its place `first`. `steps` are the distances of neighbours along each axis, by default in row-major order.
+    `memory` is "room" (the ports' numbers), "table0", ..., or "array0", ... (the program's own arrays). The index of
+    the first entry in this memory is `first`. `steps` are the strides, in entries, by default in row-major order.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -150,7 +150,7 @@ class Array:
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
-        """Return first index, shape and steps of the entries that a key selects."""
+        """Return the index of the first entry that `key` selects, and the shape and strides of the selection."""
         keys = key if isinstance(key, tuple) else (key,)
         first, shape, steps = self.first, list[int](), list[int]()
         for axis, size in enumerate(self.shape):
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region repeated `count` times; its carried numbers before it, at an iteration's start and end, and after it."""
+    """A region repeated `count` times. It turns numbers `inside` into `end`; the whole loop, `start` into `after`."""
 
     count: Any
     region: Region

@@ -12,8 +12,8 @@ A name may come from a file, and files are not trusted: no name makes `resolve` 
 Code runs only if the user has named it in this process, with ``resolve(name, run_code=True)``.
 
 Files of results record a relative path as given, but only the last part of an absolute path, or its last two parts in a
-folder of `fuzzyarm tune`, since ``computed-torque`` alone would be another policy. Together with the digests of the
-policy's files, see `PolicySpec.files`, this name identifies the policy without describing the machine.
+folder of `fuzzyarm tune`, since ``computed-torque`` alone would be another policy. With the digests of its files
+(`PolicySpec.files`), this name identifies the policy without describing the machine.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class PolicySpec:
 
     @property
     def code(self) -> str:
-        """The user's own code, ``package.module:factory``, of the policy or of its guest; empty without such code."""
+        """The user's code, ``package.module:factory``, for the policy or the policy inside a shield; empty if none."""
         if self.shield is not None:
             return self.shield.guest.code
         return self.name if self.kind is Kind.CODE and not foreign(self.name) else ""
@@ -288,7 +288,7 @@ def load_policy(
 ) -> Policy:
     """Return a policy by name, or from a controller, its file, or a learned policy's folder.
 
-    It never runs code that a name refers to, since it may come from a file, and files are not trusted.
+    Code that a name refers to is never run.
 
     Args:
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.

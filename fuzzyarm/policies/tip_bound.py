@@ -209,12 +209,15 @@ class TipBound(_Lap):
 
 
 def plain(name: str) -> str:
-    """Return a name or path in ASCII, with other letters escaped, since some look alike."""
+    """Return a name or path in ASCII; other characters are escaped, since some look like ASCII letters."""
     return ascii(name)[1:-1]
 
 
 def arm_in_words(arm: AnyArm) -> str:
-    """Return an arm in words: values that differ from Table 1; or a robot's name if it is shipped, else a digest."""
+    """Return an arm in words.
+
+    For two joints: the values that differ from the paper's Table 1. For a robot: its name, or a digest if not shipped.
+    """
     if isinstance(arm, Robot):
         known = next((name for name in shipped_robots() if robot_named(name).digest == arm.digest), None)
         return f"the robot {known}" if known else f"a robot of {len(arm)} joints, numbers {arm.digest[:16]}"
@@ -224,7 +227,10 @@ def arm_in_words(arm: AnyArm) -> str:
 
 
 def own_duration(policy: str, arm: AnyArm | None, path: str, points: GivenPath | None) -> float:
-    """Return a motion's duration [s] in `fuzzyarm evaluate`, along `points` or `path`; of `arm` or the policy's."""
+    """Return the duration [s] that `fuzzyarm evaluate` gives a motion along `points` or, if None, along `path`.
+
+    Without `arm`, it is that of the policy's arm.
+    """
     choice("path", path, _PATHS)
     arm = load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm).parameters
     return (default_reference(arm, path) if points is None else points.reference(arm)).duration

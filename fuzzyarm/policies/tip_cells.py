@@ -1,8 +1,8 @@
 """The division of a set of plants into cells, for each of which a tip bound is proven, on several CPU cores.
 
 A set may be too large for one tube, the enclosure of all its motions. Every plant lies in one of the cells, so the
-largest of their bounds holds for the whole set. A cell without a tube is halved in its widest range, relative to the
-whole one, until parts have tubes.
+largest of their bounds holds for the whole set. A cell without a tube is halved, and its parts again, until each
+part has a tube. The range to halve is the widest as a fraction of the set's range.
 """
 
 import dataclasses

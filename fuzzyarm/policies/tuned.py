@@ -112,7 +112,7 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
 
 
 def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return the law `name` of `LAWS` with the parameters in a tuned folder, for its arm and control period [s]."""
+    """Return the law `name` of `LAWS` with the parameters in a folder tuned for `arm` and `control_period` [s]."""
     laws = TunedLaws.read(folder, arm)
     if name not in {policy.removesuffix(TIP) for policy in laws.policies}:
         raise ValueError(f"{folder} has no policy {name}; choose from: {', '.join(laws.policies)}")

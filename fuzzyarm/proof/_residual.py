@@ -6,15 +6,15 @@ premise of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
 
     |ρ_j(t)| <= ρ̄_j(t) = Σ_i |g_ij(t)|,      g_ij(t) = w_ij · y_i(t).
 
-The largest ρ̄_j over all instants is bounded in ball arithmetic (FLINT's `arb`), which encloses every rounding error. On
-an interval I of time with midpoint m, by the mean value theorem,
+The largest ρ̄_j over all instants is bounded in ball arithmetic (FLINT's `arb`). On an
+interval I of time with midpoint m, by the mean value theorem,
 
     g_ij(I) ⊂ g_ij(m) + g'_ij(I) (I - m).
 
 The derivatives of q_d are the coefficients of its power series (`arb_series`) about m and about the ball I, composed of
-the time law, the path and the inverse kinematics. The excess of the bound falls with the square of the length of I, so
-the intervals with the largest bounds are halved until these bounds are close to attained values. If that takes too
-long, the bound is looser but equally valid.
+the time law, the path and the inverse kinematics. The intervals with
+the largest bounds are halved until these are close to attained values. If that takes too long, the bound is looser but
+equally valid.
 """
 
 import heapq
@@ -121,7 +121,7 @@ class _Bound:
         return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
-        """Return ρ̄_j at an instant (motion `start`), and a bound for t/T up to ± `half` from it (motion `ball`)."""
+        """Return ρ̄_j at an instant (motion `start`), and a bound on it for t/T within ± `half` (motion `ball`)."""
         value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
         for order, rows in self.rows:
             # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints

@@ -9,10 +9,10 @@ q, sin q, cos 2q and sin 2q, and q = m + t with |t| <= h < π/2. With
 f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ_i a^(4-i) b^i with κ = (1, 4 cos h,
 2 + 4 cos² h, 4 cos h, 1). As a and b are not negative, f(q) = Σ_i f_i (κ_i a^(4-i) b^i) is a mean of the control values
 f_i. Applied to each angle in turn, this gives 5^d control matrices for a matrix of d angles: if all of these are
-positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
+positive definite, so is the matrix everywhere in the box.
 
-*Cover.* The box is cut into smaller boxes until all control matrices of each box are positive definite. Hundreds of
-boxes are treated at a time, in floating point with a bound on every rounding error:
+*Cover.* The box is cut into smaller boxes until all control matrices of each box are positive definite. In floating
+point, every rounding error is bounded:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
   the coefficients' magnitudes for each entry;
@@ -20,9 +20,8 @@ boxes are treated at a time, in floating point with a bound on every rounding er
   for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a δ above this bound proves A > 0.
 
 The only assumption is that sines and cosines of the mathematical library are accurate to `_LIBRARY` units in the last
-place. `proven_in_balls` proves the same boxes again in balls, without this assumption: coefficients are exact, sines
-and cosines are balls with outward rounding (FLINT's `arb`), and each control matrix is proven positive definite by
-Gershgorin's theorem on T A Tᵀ, as in `definiteness`.
+place. `proven_in_balls` proves the same boxes again without this assumption, in balls with outward rounding
+(FLINT's `arb`), by Gershgorin's theorem on T A Tᵀ, as in `definiteness`.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ def _packed(matrices: np.ndarray) -> np.ndarray:
 
 
 def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
-    """Return the symmetric matrices (..., s, s) with the given lower triangles; see `_packed`."""
+    """Return symmetric matrices (..., s, s), s = `size`, from lower triangles (..., s(s + 1)/2) as from `_packed`."""
     result = np.empty((*triangles.shape[:-1], size, size), dtype=triangles.dtype)
     row, column = np.tril_indices(size)
     result[..., row, column] = result[..., column, row] = triangles
@@ -176,7 +175,10 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> tu
 
 
 class _Task:
-    """A scaled matrix: packed coefficients (5, ..., 5, s(s + 1)/2), shift of the diagonal, curvatures `weight` (d,)."""
+    """A scaled matrix to be proven positive definite; `coefficients` (5, ..., 5, s(s + 1)/2) are lower triangles.
+
+    `shift`, subtracted from the diagonal, exceeds rounding errors; `weight` (d,) bounds second derivatives by angle.
+    """
 
     def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
         self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles
@@ -208,7 +210,7 @@ class _Task:
 
 
 def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return both halves of each box (B, d, 2), cut across the angle with the largest curvature `weight` (d,)."""
+    """Return both halves of each box (B, d, 2). The angle with the largest `weight` (d,) times width² is halved."""
     width = boxes[..., 1] - boxes[..., 0]
     axis = np.argmax(weight * width * width, axis=1)
     every = np.arange(len(boxes))
@@ -220,7 +222,10 @@ def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
-    """Return, for each box, whether A - shift I has a Cholesky factor for all m of its packed matrices A (B, m, t)."""
+    """Return (B,) whether, for every matrix A of a box, A - shift I has a Cholesky factor.
+
+    `matrices` (B, m, s(s + 1)/2), s = `size`, are lower triangles as from `_packed`.
+    """
     good, factor = np.ones(matrices.shape[:2], dtype=np.bool_), np.empty((size, size, *matrices.shape[:2]))
     for i in range(size):
         for j in range(i + 1):

@@ -158,9 +158,9 @@ def controller_statement(controller: Controller) -> str:
 
 
 def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
-    """Return a sentence on the decay of the errors x, named in words, as exp(-αt), α [1/s].
+    """Return a sentence saying that the errors, named `x`, decay as exp(-αt), α [1/s].
 
-    `growth` has c² of `largest_growth` for x and, if given, c² for e if only e is initially nonzero.
+    `growth` is c² in |x(t)| <= c exp(-αt) |x(0)| and, optionally, c² in the same bound for e if only e(0) is nonzero.
     """
     c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
     words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"

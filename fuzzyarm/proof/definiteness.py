@@ -28,7 +28,7 @@ def rational(value: Any) -> fmpq:
 def stated(value: float) -> fmpq:
     """Return the shortest decimal number that identifies a float, its `repr`, as an exact rational.
 
-    It is the number that a text states and a reader expects: 0.1 is 1/10, although the float itself is slightly larger.
+    A text states this number: 0.1 is 1/10, although the float is slightly larger.
     """
     return rational(Fraction(repr(float(value))))
 
@@ -48,7 +48,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray | None:
 
 
 def smallest_eigenvalue(matrix: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floats, not proven."""
+    """Scale a symmetric matrix to unit diagonal, and return its smallest eigenvalue, in floats, not proven."""
     scaled = _scaled(matrix)
     return -np.inf if scaled is None else float(np.linalg.eigvalsh(scaled[0])[0])
 
@@ -93,14 +93,14 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
 
 
 def largest_of_inverse(matrix: np.ndarray, size: int) -> float:
-    """Return a bound on the largest eigenvalue of matrix⁻¹'s leading block (size, size); inf without a proof."""
+    """Return a bound on the largest eigenvalue of the leading block (size, size) of matrix⁻¹; inf without a proof."""
     first = exact(np.diag(np.arange(len(matrix)) < size).astype(float))
     values = np.linalg.eigvalsh(np.linalg.pinv(matrix)[:size, :size])
     return _proven(values, lambda x: exact(matrix) - first / x)
 
 
 def _proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
-    """Return an x slightly above `values[-1]` with `rest(x)` proven positive definite; inf without a proof."""
+    """Return an x slightly above the eigenvalues `values` with `rest(x)` proven positive definite; else inf."""
     tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
     return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
 

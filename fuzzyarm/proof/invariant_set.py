@@ -6,7 +6,7 @@ limits of the box, |x_i,d| + ρ_i <= limit_i, and let x_i² <= p_i V. If
     r p_i <= ρ_i²  for every entry x_i that the box limits,      γ² W² <= 2αr,
 
 then {V <= r} lies in the box at every instant, and V' < 0 on its border while |w| <= W: an arm that starts in this set
-stays in the box. The comparisons are exact and rational, with the decimals as they are printed (`_is_invariant`).
+stays in the box. The comparisons are exact, with the printed decimals (`_is_invariant`).
 
 *Consistent form.* V = xᵀ P⁻¹ x, and p_i = P_ii is the smallest possible (Cauchy-Schwarz). The reference is the paper's
 circle; its |q_d| and |q̇_d| are bounded in balls at every instant (`_residual`). w contains the feedforward residual in
@@ -77,9 +77,9 @@ def invariant_set(controller: Controller | ScheduledController) -> InvariantSet:
 
 
 def _largest(bounds: Bounds) -> tuple[float, float]:
-    """Return the proven level of the largest invariant set and its largest |d|, rounded down.
+    """Return the proven level of the largest invariant set, and the largest |d| for it, rounded down.
 
-    Without one: 0 and the largest |w| for which the box has room.
+    Without such a set, return 0 and the largest |w| for which a set {V <= r} would be in the box.
     """
     if min(bounds.room) <= 0:
         return 0.0, 0.0
@@ -143,9 +143,10 @@ def _of_scheduled(controller: ScheduledController) -> InvariantSet:
 
 
 def _found(level: float, d: float, steepest: float, where: str, V: str, apart: str) -> InvariantSet:
-    """Return the set {V <= level} for |d| <= d, with V <= steepest |e|² where only e is nonzero.
+    """Return the set {V <= level}, which is invariant while the disturbance torque is at most `d` [N m].
 
-    In words for its statement: `where` it holds, the formula of `V`, and what acts `apart` from d.
+    If only e is nonzero, V <= `steepest` |e|². The statement says `where` the set is invariant, the formula of `V`, and
+    what acts `apart` from this torque.
     """
     start = float(at_least(math.sqrt(level / steepest) * (1.0 - 1e-12), _DIGITS))
     words = (

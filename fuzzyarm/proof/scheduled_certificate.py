@@ -5,8 +5,8 @@ inertia M̂, the error of each joint obeys the same loop, with λ an eigenvalue 
 
     x' = (A - λ b k) x + λ b d,    x = (ε, ε', ∫ε),    A = [[0 1 0], [0 0 0], [1 0 0]],    b = (0, 1, 0)ᵀ.
 
-V = xᵀ X x, for all joints together V as below, falls at least as exp(-2αt) with an L2 gain γ from d to ε if X > 0 and,
-with P = X⁻¹ and m = k P, in which both inequalities are linear,
+V = xᵀ X x falls at least as fast as exp(-2αt), with an L2 gain γ from d to ε (the sum over all joints is V below), if
+X > 0 and, with P = X⁻¹ and m = k P, in which both inequalities are linear,
 
     | He(A P - λ b m) + 2 (α + μ) P   λ b   P cᵀ |
     | ⋆                               -γ²   0    | < 0,     c = (1 0 0),
@@ -20,8 +20,7 @@ for λ = 1/κ and λ = 1, since the matrix is affine in λ; μ bounds the rate o
 then (A - λ b k)ᵀ X (A - λ b k) < β² X, and no pole of the loop frozen at a state has a modulus above β.
 
 *Proof.* These inequalities are proven in exact rationals. The bounds on the inertia (`inertia_bounds`) are proven on
-covers of boxes, in floating point with a bound on all rounding errors (`box_cover`) and, on request, again in balls
-(`proven_in_balls`).
+covers of boxes (`box_cover`) and, on request, again in balls (`proven_in_balls`).
 
 *Theorem*, for the rigid arm in continuous time, while its angles and the speeds of its kept angles stay in the box:
 
@@ -76,8 +75,8 @@ def certify_scheduled(
 ) -> Certificate:
     """Prove every claim of a controller; `Certificate.proven` says whether all of them hold.
 
-    The inertia is computed from its robot. With `in_balls`, each box is also proven in balls, which takes longer.
-    `progress` is called after each claim.
+    The inertia is computed from the controller's robot. With `in_balls`, each box is also proven in ball arithmetic,
+    which takes longer. `progress` is called after each claim.
     """
     claims = _loop_claims(controller)
     # The cheap claims come first: a file with gains that do not fit is refused at once.

@@ -6,15 +6,15 @@ centre y(t), the radii ρ and the motors' friction plans of the file's tube. On 
 1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), where A is the linearisation at the middle of the segment, a(t) are the
    torques of the constants along the centre, and |w| <= w̄ bounds the terms missing in A wherever |S ξ| <= ρ: defects of
    the centre, derivatives of the links' torques on the tube minus those in A, times ρ, products Δp ρ, and friction.
-2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by the file's plan: HELD rests with a net torque below μ F(0); SLIP keeps its sign
-   on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all possible cases of Lemma 1; ANY is |Γ_f| <= μ F(0).
+2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by plan: HELD rests with a torque N without Γ_f below μ F(0); SLIP keeps its sign
+   on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all cases of Lemma 1; ANY is |Γ_f| <= μ F(0).
 3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
 4. *Sample.* The law is linearised on the box of measured states; its remainder includes rounding and a guest's torque.
 5. *Every lap.* The end of a lap lies in the set in which the lap began.
 
-Plant, law, reference and exponentials are balls (Arb). A course f(s), s in [-1, 1], is a Chebyshev interpolant with N
-nodes; its error is at most 4 M r^(1-N)/(r - 1) if |f| <= M in the ellipse with r as sum of semi-axes. Deviations lie in
-a zonotope G g, |g| <= 1, in doubles with bounds on rounding; the first columns of G belong to the constants.
+Plant, law, reference and exponentials are balls (Arb). Functions of time f(s), |s| <= 1, become Chebyshev interpolants
+with n nodes; errors are at most 4 M r^(1-n)/(r - 1) if |f| <= M in the ellipse with r as sum of semi-axes. Deviations
+lie in a zonotope G g, |g| <= 1, in doubles with bounds on rounding; the first columns of G belong to the constants.
 """
 
 import dataclasses
@@ -126,7 +126,7 @@ class _Claim:
         return f"this checker does not cover {', '.join(odd)}" if odd else ""
 
     def words(self) -> str:
-        """Return law, set of plants and motion in words; the label of the file is not used."""
+        """Return the law, the set of plants and the motion in words, from the numbers in the file."""
         said = [f"{name} {value}" for name, value in self.plants.items() if value != _DEFAULTS.get(name)]
         plants = f"with {', '.join(said)}" if said else "table-1"
         samples = "all laps" if self.ever else f"{len(self.tip)} samples"
@@ -214,7 +214,7 @@ class _Plant:
         self.column = {kind: i for i, kind in enumerate(kinds)}  # column of the zonotope, by constant
 
     def friction(self, joint: int, v: Any) -> Any:
-        """Return the size F(v) [N m] of a motor's dry friction, even in v, for the middles of all ranges."""
+        """Return the magnitude F(v) [N m] of a motor's dry friction, even in v, with all constants at mid-range."""
         fall = (-(v / self.stribeck) * (v / self.stribeck)).exp()
         return self.coulomb[joint] + (self.static[joint] - self.coulomb[joint]) * fall
 
@@ -257,7 +257,7 @@ def _reference(t: float, duration: float, length: list[Any]) -> tuple[list[Any],
 
 
 def _sign_at_rest(robot: dict[str, Any], joint: int) -> float:
-    """Return the sign of a joint's computed θ̇_d at rest, due to rounding errors, as in 11 τ - 18 τ + 9 τ - 2 τ."""
+    """Return the sign that the law computes for θ̇_d of a joint at rest, where rounding errors replace the exact 0."""
     (one, two), (m1, m2), (r1, r2), g = (robot[name] for name in ("length", "mass", "mass_center", "gravity"))
     x, y = 0.35 + 0.2 * math.cos(math.pi / 2), 0.65 + 0.2 * math.sin(math.pi / 2)
     r, outer, inner = math.hypot(x, y), one + two, abs(one - two)
@@ -334,7 +334,7 @@ class _ComputedTorque(_Law):
 
 
 class _Fuzzy(_Law):
-    """Fuzzy law: u - u_ff = Σ h(z) K (e, ė, x_I) + (L(z) - L(z_d)) r, affine L, z = (cos θ_2, -c_5 sinc(θ_1 + θ_2))."""
+    """The fuzzy law: gains that depend on θ, times the errors (e, ė, x_I), plus u_ff corrected from θ_d to θ."""
 
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         super().__init__({name: _read(value) for name, value in document["robot"].items()}, duration)
@@ -415,12 +415,12 @@ class _Motion:
         self._nodes, self._discs = every[:_NODES], every[_NODES:]
 
     def at(self, s: Any) -> list[list[Any]]:
-        """Return three lists at s: angles, velocities and accelerations, each of θ_1, θ_2, q_1, q_2."""
+        """Return angles, velocities, accelerations of (θ_1, θ_2, q_1, q_2); on the segment, s goes from -1 to 1."""
         powers = [s**i for i in range(8)]
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return the courses along the centre of f(x, v, a, t), see `at`: of `linear`, exactly; of each of `others`."""
+        """Return f(*at(s), t) as lists of functions of s, for f = `linear`, exactly, and for each f in `others`."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -452,7 +452,7 @@ _distance = np.vectorize(lambda x, middle: _upper(x - middle), otypes=[float])
 
 
 def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return bounds on the entries of |(X G + [own, 0]) g|, for |g| <= 1 and X with middle and radii `rows`."""
+    """Return bounds on the entries of |X G g + own π|, g = (π, ...), |g| <= 1, X with middle and radii `rows`."""
     image = np.einsum("ij,jk", rows[0], G)
     image[:, : own.shape[1]] += own
     spare = (rows[1] + _SMALL / 4 * np.abs(rows[0])) @ np.abs(G).sum(axis=1) + _SMALL * np.abs(own).sum(axis=1)
@@ -460,7 +460,7 @@ def _reach(rows: tuple[np.ndarray, np.ndarray], G: np.ndarray, own: np.ndarray) 
 
 
 class _Friction:
-    """A motor's dry friction Γ_f on a segment, bounded as its plan says; N: torque without Γ_f, P: N - inertia θ̈."""
+    """The dry friction Γ_f of a motor on a segment. N is its torque without Γ_f; the centre needs Γ_f = -P."""
 
     def __init__(self, plant: _Plant, joint: int, plan: str, mode: int, known: Any, motion: Any) -> None:
         self.joint, self.plan, self.known, self._plant = joint, plan, known, plant
@@ -478,7 +478,7 @@ class _Friction:
         self.slope = -float(plant.slope(joint, arb(0.5 * abs(sum(self._range)))).mid()) if plan == "slip" else 0.0
 
     def parted(self, start: float, h: float, driving: float) -> Any:
-        """Return a bound on |δv| over a time h by Lemma 2, if |δv| <= `start` at first and |δN| <= `driving` [N m]."""
+        """Return a bound on |δv| [rad/s] over h [s] by Lemma 2: initially |δv| <= `start`; |δN| <= `driving` [N m]."""
         eta, aside = self.needed.size() + self.share[1] * self.static[1], 0.0
         if self.side:  # a centre with v of the other sign, up to `aside`, is compared after a shift
             eta = self.missed + self.uncertain * self.static[1]
@@ -490,7 +490,7 @@ class _Friction:
         return (grown * math.exp(steep / self.inertia * h) + aside) * _UP
 
     def bound(self, tube_v: float, spread: float, h: float) -> Any:
-        """Return a bound on |Γ_f + P - slope δv| [N m] while |δv| <= tube_v, |N - N_y| <= spread, for h [s]."""
+        """Return a bound [N m] on |Γ_f + P - slope δv| during h [s] with |δv| <= tube_v, |N - N_y| <= spread."""
         j, plant, (weak, strong) = self.joint, self._plant, self.share
         low, high = self._range[0] - tube_v, self._range[1] + tube_v
         if self.plan == "any":
@@ -534,7 +534,7 @@ class _Friction:
         return (net[0] - spread + back - spare) / self.inertia, (net[1] + spread - forth + spare) / self.inertia
 
     def after(self, tube_v: float, spread: float, h: float, end: float) -> tuple[float, float]:
-        """Return bounds on v [rad/s] at the end of the segment, the centre's being `end`; arguments as for `bound`."""
+        """Return the range of v [rad/s] at the segment's end, for the centre's v = `end`; others as for `bound`."""
         if self.plan in ("any", "held"):
             return (-math.inf, math.inf) if self.plan == "any" else (0.0, 0.0)
         falling, rising = self._rates(tube_v, spread)
@@ -545,7 +545,7 @@ class _Friction:
 
 
 class _Tube:
-    """The tube of deviations: iterating yields control steps; `step` returns bounds on the tip error in one."""
+    """The tube of deviations. Iterating over it yields indices of control steps; `step` takes a step with an index."""
 
     def __init__(self, claim: _Claim) -> None:
         self._claim, name = claim, claim.law.removesuffix("-tip") + ".json"
@@ -573,7 +573,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the indices of control steps; of endless laps, repeat the last until it ends in its initial set."""
+        """Yield each control step's index; if laps = ever, repeat the last lap until it ends in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -600,9 +600,8 @@ class _Tube:
     def _is_inside(self) -> bool:
         """Return whether the lap ends in its initial set; the next lap will begin in a set that contains this end.
 
-        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. The end of the next lap has
-        columns with the same tags; `rest` is that end less c + C π + G g. It lies in the set if B g' = rest has a
-        solution with |g'| <= 1: for W near B⁻¹ and E = I - W B, |g'| <= |W rest| / (1 - |E|), all in the maximum norm.
+        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. `rest` is the next end less
+        c + C π + G g, by columns with the same tags. It equals B g' with |g'| <= 1 under Lemma 7 of the documentation.
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
         point, G = np.array([*self._centre, *self._memory]), self._G[rows]
@@ -632,11 +631,10 @@ class _Tube:
         self._tags, self._tag = np.append(self._tags, self._tag + np.arange(count)), self._tag + count
 
     def _move(self, of: list[list[Any]]) -> None:
-        """Add to the zonotope the differences of the centre's floats from `of`, its unrounded angles and velocities."""
         self._widen(np.array([_upper(x - c) for x, c in zip([*of[0], *of[1]], self._centre, strict=True)]))
 
     def _prune(self) -> None:
-        """Replace the smallest columns, together at most 1e-4 of the size of any row, by the box around them."""
+        """Replace the zonotope's smallest columns, in each row at most 1e-4 of its sum, by a box that contains them."""
         m = len(self._plant.column)
         sizes = np.abs(self._G[:, m:])
         share = (sizes / np.maximum(sizes.sum(axis=1, keepdims=True), 1e-300)).max(axis=0)
@@ -727,7 +725,11 @@ class _Tube:
         return (max(before, self._last) + self._between(tube, along, errors, h)) * _UP
 
     def _linear(self, slopes: list[Any], frictions: list[_Friction]) -> tuple[Any, Any, Any, Any]:
-        """Return A (10, 10), b (10, 6), S (n, 10), D (n, 6) of ξ̇ = A ξ + b w; S ξ + D w: 18 tube rows, 2 per mass."""
+        """Return A (10, 10), b (10, 6), S (n, 10) and D (n, 6) of ξ̇ = A ξ + b w with outputs S ξ + D w.
+
+        The outputs are the 18 rows of the tube, then the torques on both links that each uncertain mass adds. `slopes`
+        are derivatives of link torques with respect to q, q̇, q̈: for the plant at mid-range, then for each mass.
+        """
         p, zero, (angle, speed, mass) = self._plant, arb(0), slopes[0]
         A, b, D = ([[zero] * n for _ in range(rows)] for rows, n in ((10, 10), (10, 6), (18, 6)))
         S = [[arb(int(i == j)) for j in range(10)] for i in range(8)]
@@ -765,7 +767,7 @@ class _Tube:
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
-        """Return level and slope (6, m) of constants' torques; bounds (6,) on remainders, (2,) on motors' sums."""
+        """Return level, slope (6, m) of lines for a(s); bounds (6,) on |(a - lines) π|, (2,) on what a π adds to N."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
         signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}
@@ -789,7 +791,7 @@ class _Tube:
         return level, slope, rest, sizes
 
     def _torques(self, tube: Any, along: Any, frictions: Any, slopes: Any, drives: Any, linear: Any, h: float) -> Any:
-        """Return bounds for a claimed tube (18,): w̄ (6,) on |w|, (18,) on |S ξ| by w̄, (2,) on |N - N_y| [N m]."""
+        """Return w̄ (6,), bounds on |S ξ| (18,) and on |N - N_y| (2,) [N m], while |S ξ| <= a claimed `tube` (18,)."""
         (_, _, rest, sizes), (free, push, _), p = drives, linear, self._plant
         w, half, begin = rest.copy(), p.half, np.abs(self._G[4:6]).sum(axis=1) * _UP
         within = half["stiffness"] * tube[_BEND] + half["damping"] * tube[_RATE]
@@ -820,10 +822,9 @@ class _Tube:
         return w, reached, spread
 
     def _free(self, A: Any, b: Any, S: Any, D: Any, level: np.ndarray, slope: np.ndarray, h: float) -> tuple[Any, ...]:
-        """Return bounds on |S ξ|, (n,) at w = 0, and (n, 6) per |w|; a function of w̄ that propagates the zonotope.
+        """Return (free, push, f): |S ξ + D w| <= free (n,) + push (n, 6) w̄ if |w| <= w̄; f(w̄) propagates the zonotope.
 
-        S ξ_h is within h²/8 sup |S ξ̈_h| of a line, ξ̈_h = e^{A t} (A² ξ + A b a + b ȧ), a = level + slope s. For each
-        half of the segment, two moments of w about the middle of the half become columns; the third becomes a box.
+        a is `level` + `slope` s. Without w, S ξ is within h²/8 sup |S ξ̈| of a line. In f, w adds columns and a box.
         """
         m, G, size_A, size_b, SA = level.shape[1], self._G[:10], _above(A), _above(b), S * A
         E, quarter = _above(arb_mat((size_A * (h * _UP)).tolist()).exp()), (A * (arb(h) / 4)).exp()
@@ -881,14 +882,15 @@ class _Tube:
         return float((wide + missed + self._bent(*radius)) * _UP)
 
     def _bent(self, one: float, two: float) -> float:
-        """Return a bound on |p(q) - p(q_y) - J δq| for given bounds on |δq_1| and |δq_2|."""
+        """Return a bound [m] on |p(q) - p(q_y) - J δq|, δq = q - q_y, for |δq_1| <= `one` and |δq_2| <= `two`."""
         first, second = map(_upper, self._plant.length)
         return (first * one * one + second * (one + two) ** 2) / 2.0 * _UP
 
     def _between(self, tube: np.ndarray, along: Any, errors: list[_Course], h: float) -> float:
-        """Bound the excess [m] of the tip error over its end values; any part f is within h²/8 sup |f̈| of its chord.
+        """Return by how much [m] the tip error within a segment of h [s] may exceed its values at the segment's ends.
 
-        Links of length L at angles φ have |d²/dt² (J δq)| <= Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|).
+        J δq is within h²/8 Σ L (|δφ̈| + 2 |φ̇| |δφ̇| + (|φ̈| + φ̇²) |δφ|) of its chord, with links of length L at φ.
+        `along` is the motion of the centre, `errors` its tip error; `tube` bounds the deviations from it.
         """
         total = 2.0 * math.hypot(*(course.line()[2] for course in errors)) + 2.0 * self._bent(*tube[_Q])
         moves = [[x.size() for x in along[name]] for name in ("dq", "ddq")] + [tube[rows] for rows in (_Q, _DQ, _LINK)]
