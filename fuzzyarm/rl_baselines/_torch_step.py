@@ -48,7 +48,7 @@ Outcome: TypeAlias = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]
 
 
 class Equations:
-    """The arm's equations, and the functions of a control step with them, made before torch compiles the step."""
+    """The arm's equations, and functions of a control step that use them, made before torch compiles the step."""
 
     def __init__(self, physics: Physics) -> None:
         self.physics = physics
@@ -139,8 +139,8 @@ def following(shared: Shared, lanes: LaneData, action: Tensor) -> tuple[LaneData
 def begin(shared: Shared, key: Tensor) -> tuple[LaneData, Any]:
     """Return the lanes at the start of their next episodes, and the reference there.
 
-    `key` (n,) contains the keys of the episodes before. Shapes are (n,) or (). The lanes begin at rest;
-    the motors hold the gravity torque of the nominal arm.
+    `key` (n,) contains the keys of the preceding episodes. Tensors are (n,), or () if equal for all lanes. The lanes
+    begin at rest; the motors hold the gravity torque of the nominal arm.
     """
     equations, key, nominal = shared.equations, draw(TorchWord(key, shared.rows.dtype), NEXT_KEY).bits, shared.nominal()
     now = drawn(shared, key)

@@ -102,5 +102,5 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
 
 
 def _parts(observation: Tensor) -> Observation:
-    """Split observations (n, 5 joints) into parts, such as the motor angles: tuples with a tensor (n,) per joint."""
+    """Split observations of n lanes into parts, such as the motor angles: tuples with a tensor (n,) per joint."""
     return Observation(*(tuple(part.unbind(-1)) for part in observed(observation)))

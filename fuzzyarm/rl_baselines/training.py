@@ -63,13 +63,13 @@ class Training:
         config: the settings; their class determines the algorithm.
         folder: output folder; created if needed.
         report: called after every update with the new row of the learning curve.
-        algorithm: the learning algorithm, on the arms `envs`.
+        algorithm: the learning algorithm.
         rows: the learning curve so far, one mapping per update.
         best: smallest score so far [mm], see `_ship`.
 
     Raises:
-        ValueError: the configuration names an unknown base, its periods do not fit, or its class is not registered.
-        OSError: the folder cannot be written.
+        ValueError: a setting is refused, such as an unknown base or an action period that is no multiple of 1 ms.
+        OSError: the arm's file cannot be read.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Training:
 
         `config` must equal the original one, except for `checkpoint_interval` and `total_timesteps`: a larger total
         extends the run and changes no bit of the finished steps. A schedule over the run, such as the learning
-        rate of PPO, continues as if the new total had been set from the beginning; its value may therefore jump here.
+        rate of PPO, continues as if the new total had been set from the beginning.
 
         Raises:
             CheckpointError: the checkpoint is missing, damaged, of another algorithm, arm or configuration, or does not

@@ -73,9 +73,9 @@ class NoPoint(ValueError):
 
     Attributes:
         problem: the `DesignProblem`, with the solver's last values.
-        status: the status reported by the solver.
+        status: reported by the solver.
         margin: margin of the solver's last point, not positive; -inf without a point.
-        result: the result of the solver; None if the solver raised an error.
+        result: the solver's result; None if it raised an error.
         program: the cone program that cvxpy passes to the solver, b - A x in the cones `dims`.
         ray: z (rows,) in the cones with Aᵀz = 0 and bᵀz < 0, if the solver claims that there is no point, else None.
     """
@@ -158,10 +158,8 @@ class DesignProblem:
         Args:
             specification: the requirements; whichever of gamma and gain_bound is None is minimised.
             parameters: the arm, by default that of Table 1.
-            scale: size of P, relative to a value that suits most designs. It matters only if the gains are minimised,
-                since the smallest eigenvalue of P bounds them.
-            vertex: the only vertex of A for which inequalities are written: necessary conditions, which give no
-                controller. None for all vertices.
+            scale: size of P relative to a value that suits most designs; it matters only if the gains are minimised.
+            vertex: the only vertex of A in the inequalities, which then give no controller; None for all vertices.
         """
         given = self.specification = instance("specification", specification, Specification)
         arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
@@ -247,7 +245,7 @@ class DesignProblem:
 
     @property
     def gamma2(self) -> Any:
-        """γ² as a cvxpy expression, [(rad/(N m))²] in the consistent form; constant where γ is given."""
+        """γ² as a cvxpy expression, constant if γ is given; in the form "consistent" its unit is (rad/(N m))²."""
         given = self.specification.gamma
         return cp.Constant(given**2) if given else self._gamma2 / self._c
 
@@ -276,14 +274,13 @@ class DesignProblem:
         return self._M[tuple(at.ravel() for at in np.indices(self._M.shape[:2]))]
 
     def _mean_of(self, M: Any) -> Any:
-        """Return (M_ik + M_jk)/2 of the p pairs (i, j) and every k, as a stack (p N_e, ...); `M` may also be L."""
         return 0.5 * (M[self._i, self._k] + M[self._j, self._k])
 
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
-        """Return (Ψ_ijk + Ψ_jik)/2 of all pairs and k as a stack (p N_e, rows, rows); of Φ for the `letter` "Phi".
+        """Return (Ψ_ijk + Ψ_jik)/2 for all pairs i <= j and all k or, if `letter` is "Phi", (Φ_ijk + Φ_jik)/2.
 
-        They are in SI units, with P/c, M/c, ... for P, M, ... `put` assembles a matrix from block rows; `of` returns a
-        variable or parameter, or its value.
+        The stack (p N_e, rows, rows) is in SI units, with P, M, ... divided by c. `put` assembles a matrix from block
+        rows; `of` returns a variable or parameter itself, or its value.
         """
         data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
         k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]
@@ -303,10 +300,10 @@ class DesignProblem:
         return theorems.error_psi(data, pair, k, **values)
 
     def _row_units(self, letter: str) -> np.ndarray:
-        """Return factors for the rows of Ψ or Φ that reduce a large γ² in the rows w to one.
+        """Return factors for the rows of Ψ or, if `letter` is "Phi", Φ, by which a large γ² in the rows w becomes one.
 
-        The solver's tolerance is relative to the largest constant. The factors only reduce the rows w, so a matrix that
-        is at most -μ I with them is so without them, too.
+        The solver's tolerance is relative to the largest constant. Smaller factors are strict enough: a matrix that is
+        at most -μ I with them is at most -μ I with the factors `Scaling.rows`.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
@@ -317,9 +314,9 @@ class DesignProblem:
         return unit
 
     def _reduction(self, letter: str) -> np.ndarray:
-        """Return U such that U Ψ Uᵀ has only the rows x, ẋ_b, w, z and uncertainties of Ψ, scaled.
+        """Return U such that U Ψ Uᵀ has only the rows x, ẋ_b, w, z and uncertainties, multiplied by `_row_units`.
 
-        For the `letter` "Phi", U is that of Φ, without w, z.
+        If `letter` is "Phi", U is for Φ, which has no rows w and z.
         """
         unit, n = self._row_units(letter), len(self._scaling.state)
         S_a = np.delete(np.eye(n), VELOCITY, axis=1)
@@ -382,7 +379,7 @@ class DesignProblem:
 
         Args:
             solver: name of an installed solver for semidefinite problems.
-            options: options of the solver, as for `cvxpy.Problem.solve`.
+            options: as for `cvxpy.Problem.solve`.
 
         Raises:
             DesignFailed: no point was found, or its proof fails.
@@ -395,8 +392,8 @@ class DesignProblem:
     def point(self, solver: str = cp.CLARABEL, **options: Any) -> Point:
         """Return the point of the specification, with the largest decay rate if α is not specified.
 
-        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. `options` are those of
-        `cvxpy.Problem.solve`.
+        α multiplies P, so it cannot be a variable: it is found by bisection, upwards from the attribute `alpha`.
+        `options` are those of `cvxpy.Problem.solve`.
 
         Raises:
             NoPoint: no point was found that is strictly feasible when recomputed, whatever the status of the solver.
@@ -474,7 +471,6 @@ class DesignProblem:
         return self._compiled
 
     def _reduced(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ψ (or Φ) at the solver's last point with scaled rows, and U Ψ Uᵀ of `_reduction`, both recomputed."""
         unit = self._row_units(letter)
         F, U = self._matrices(letter, symmetric, _value_of), self._reduction(letter)
         return unit[:, np.newaxis] * F * unit, U @ F @ U.T
@@ -486,7 +482,7 @@ class DesignProblem:
         reduce the margin of the rows w by D_aᵀ D_a / 2ε, which is half of the margin of R < 0 there if
         ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the conditioning.
 
-        F (p N_e, rows, rows), Ψ or Φ, and R = U F Uᵀ < 0 are those of `_reduced`.
+        F and R are the stacks from `_reduced`.
         """
         slack, n, p, unit = self._slack[letter == "Phi"], len(self._scaling.state), len(self.pairs), self._units
         S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
@@ -502,13 +498,13 @@ class DesignProblem:
         return self._c * unit["Q"] * Q, self._c * unit["X"] * X, self._c * unit["tau"] * tau
 
     def _without_dust(self, name: str, variable: Any) -> np.ndarray:
-        """Return P or M in SI units; entries that are zero within the solver's accuracy are set to zero."""
+        """Return P or M in SI units; entries that are zero within the solver's accuracy become zero."""
         value = variable.value
         return np.where(np.abs(value) < _DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
 
 def _natural(given: Specification, scaling: Scaling) -> float:
-    """Return the unit c of P for a well scaled problem of a specification, with the other units `scaling`."""
+    """Return the unit c of P that makes the problem of a specification well scaled, given the other units."""
     if given.form == "paper":
         return _PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
     gamma = given.gamma or 1.0 / scaling.stiffness

@@ -27,8 +27,8 @@ class DesignFailed(ValueError):
     """No controller could be proven; the message says which requirement would have to be relaxed.
 
     Attributes:
-        problem: the last `DesignProblem` solved, with the values where the solver ended, or None.
-        result: the solver's answer, or the refused point or certificate, or None.
+        problem: the last `DesignProblem` solved, with the solver's last values; None if there is none.
+        result: the solver's answer or, if that was not proven, the `Point` or the `Certificate`; None if there is none.
     """
 
     def __init__(self, message: str, problem: Any = None, result: Any = None) -> None:
@@ -46,7 +46,7 @@ class Design:
         solve_seconds: time of the search for a solution [s].
         proof_seconds: time of the proof [s].
         variables: number of scalar variables of the cone program.
-        rows: number of rows of its cones, of matrices only the upper triangles.
+        rows: number of rows of its cones; a matrix counts with its upper triangle.
     """
 
     controller: Controller
@@ -63,7 +63,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     Args:
         specification: the requirements.
         parameters: the arm, by default that of Table 1.
-        explain: whether to search for the requirement to relax if there is no point, which takes many more solves.
+        explain: whether to find the requirement to relax if no solution is found, which takes many more solves.
 
     Raises:
         DesignFailed: no provable point was found.
@@ -112,7 +112,7 @@ def _proven(
 ) -> Design:
     """Return the proven design of a `point`; DesignFailed says by how much the proof fails, and contains `problem`.
 
-    The other arguments are those of `to_controller`.
+    `solve_seconds` [s] becomes part of the design; the other arguments are those of `to_controller`.
     """
     begin = time.perf_counter()
     try:

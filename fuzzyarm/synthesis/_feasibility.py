@@ -41,8 +41,8 @@ _LIMITS = {
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
     """Return the point of a specification, or a `NoPoint` that says why; with `vertex`, only for that vertex of A.
 
-    The units of P are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a cone
-    program that minimises γ² would be too badly scaled, since d and r differ by decades.
+    Several scales of P are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a
+    cone program that minimises γ² would be too badly scaled, since d and r differ by decades.
     """
     if specification.gamma is None and specification.form == "paper":
         best, gamma, ratio = None, PAPER_GAMMA, 4.0
@@ -158,8 +158,8 @@ def _slowest_tried(specification: Specification) -> float:
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words, the first limit that suffices if relaxed alone, and the value it needs.
 
-    The limits are tried in this order: fastest pole, γ if it is much stricter than `gamma_for` the arm, α, gain bound,
-    γ. If a single vertex of a large model is already infeasible, only that vertex is considered.
+    The limits are tried in this order: fastest pole, γ if it is below half of `gamma_for(arm, α)`, α, gain bound, γ.
+    If a single vertex of a large model is already infeasible, only that vertex is considered.
     If a change of a single parameter of the arm would suffice, the message also names this parameter.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
@@ -198,7 +198,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
 
 
 def _with_more_rules(specification: Specification, arm: ArmParameters) -> str:
-    """Return the advice to keep the default premises; "" if they do not suffice or are already kept."""
+    """Return the advice to keep the default premises, too; "" if these are kept or do not make a design feasible."""
     kept = tuple(sorted({*specification.kept, *DEFAULT_KEPT}))
     wanted = dataclasses.replace(specification, kept=kept)
     if kept == tuple(sorted(specification.kept)) or isinstance(best_point(wanted, arm), NoPoint):

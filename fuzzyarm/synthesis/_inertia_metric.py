@@ -5,8 +5,8 @@
 at sampled angles; `_Samples` explains near, D and J. Because κ M̂ is bilinear, each step solves a semidefinite program
 instead: minimise t subject to near + Jᵀ D_high J <= κ M̂ + t M̂', with κ and M̂' from the previous step; the solution
 gives the next κ (Dinkelbach). The program contains only samples with nearly active constraints; those that its solution
-violates most are added. Finally the bounds are moved to hold at the worst angles that a search finds, and thus need
-little widening for the proof by `inertia_bounds`; none of this is a proof.
+violates most are added. Finally the bounds are moved to be true at the worst angles that a search finds. None of
+this is a proof.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class _Samples:
 
     @classmethod
     def of(cls, robot: Robot, split: int, count: int) -> _Samples:
-        """Return samples at `count` postures within the robot's ranges (`_angles_in`), split behind link `split`."""
+        """Return samples at `count` postures within the robot's ranges, with its chain of links split after `split`."""
         n = len(robot)
         q = _angles_in(angle_ranges(robot), count, seed=0)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
@@ -99,7 +99,7 @@ class _Samples:
         return cls(q, whole - np.swapaxes(twist, 1, 2) @ distal @ twist, twist, distal)
 
     def inertia(self, distal: np.ndarray | None = None) -> np.ndarray:
-        """Return M̄ (B, n, n) [kg m²]; a constant `distal` (6 + n - a, 6 + n - a) replaces D."""
+        """Return M̄ (B, n, n) [kg m²] at the B samples; `distal`, if given, is one matrix that replaces every D."""
         D = self.distal if distal is None else distal
         return np.asarray(self.near + np.swapaxes(self.twist, 1, 2) @ D @ self.twist)
 
@@ -131,7 +131,7 @@ def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray) -> float:
-    """Search for the smallest value of a function from angles (B, d) [rad] in `ranges` to (B,), and return it."""
+    """Return the smallest value found of a function from angles (B, d) [rad], in `ranges` (d, 2), to numbers (B,)."""
     q = _angles_in(ranges, 3000, seed=1)
     values = function(q)
     best = np.argsort(values)[:40]
@@ -201,11 +201,11 @@ class _Search:
         self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
     def run(self, rounds: int = _ROUNDS) -> None:
-        """Iterate until the samples in the program allow no smaller κ; the result holds for all samples.
+        """Solve at most `rounds` programs, until κ hardly falls; the result satisfies the constraints at all samples.
 
         The M̂, D_low and D_high that reach a given κ form a convex set. If a solution of the program violates the
-        constraints at other samples, a point between this solution and the best one so far may satisfy them. So κ never
-        rises, not even with more rules.
+        constraints at other samples, points between this solution and the best one so far are tried. The best one is
+        replaced only if κ falls, so κ never rises.
         """
         self.kappa, best = self._settled(), self._proposal
         self._add_violated()
@@ -226,8 +226,8 @@ class _Search:
     def raise_floor(self, slopes: list[np.ndarray]) -> None:
         """Raise the smallest eigenvalue of M̂ as far as slightly larger κ and rates μ_k allow.
 
-        Many M̂ have the same κ; a larger floor σ gives a smaller gain γ/σ between Euclidean norms. `slopes` are
-        ∂h/∂q_k (B, N) [1/rad] for each kept angle.
+        A larger floor σ gives a smaller gain γ/σ between Euclidean norms. `slopes` are ∂h/∂q_k (B, N) [1/rad] of the
+        rule weights h, for each kept angle q_k.
         """
         largest = (1.0 + _FLOOR_COST) * self.kappa
         rates, best = [(1.0 + _FLOOR_COST) * self.rate(slope) for slope in slopes], copy.copy(self)
@@ -260,7 +260,7 @@ class _Search:
         return other
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return S_r (N, n, n), and of D's shape D_low, D_high and the diagonal part of D's mean, all in SI units."""
+        """Return S_r (N, n, n) and three matrices like D, in SI units: D_low, D_high, the diagonal of D's mean."""
         distal = self.distal_row[:, np.newaxis] * self.distal_row
         unit = np.diag(1.0 / self.distal_row**2)
         return self.inertia / (self.row[:, np.newaxis] * self.row), self.low / distal, self.high / distal, unit
@@ -290,9 +290,9 @@ class _Search:
         return float(high.max()) / float(low.min()) if low.min() > 0.0 else np.inf
 
     def _shares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the smallest eigenvalues of the lower inertia and the largest of the upper one, relative to M̂, (B,).
+        """Return the smallest eigenvalues of the lower inertia, and the largest of the upper one, relative to M̂.
 
-        If M̂ is not positive definite at a sample, both are the smallest eigenvalues of M̂ instead.
+        Both arrays are (B,), for B samples. If M̂ is not positive definite at one, both are M̂'s smallest eigenvalues.
         """
         scheduled = self.scheduled()
         least = np.linalg.eigvalsh(scheduled)[:, 0]
@@ -302,7 +302,6 @@ class _Search:
         return low[:, 0], high[:, -1]
 
     def _distal_gaps(self) -> list[np.ndarray]:
-        """Return the smallest eigenvalues (B,) of D - D_low and those of D_high - D."""
         D = self.samples.distal
         return [np.linalg.eigvalsh(gap)[:, 0] for gap in (D - self.low, self.high - D)]
 
@@ -321,15 +320,18 @@ class _Search:
         return np.asarray(np.linalg.eigvalsh(scheduled)[:, 0])
 
     def _times_units(self, weights: np.ndarray) -> np.ndarray:
-        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ_r h_r S_r by the entries of each S_r's triangle.
+        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ_r h_r S_r with respect to the triangles of the S_r.
 
-        `weights` (B, N) are the h_r at the samples.
+        `weights` (B, N) are the h_r at the B samples.
         """
         shape = len(weights), self.weights.shape[1] * len(self.units), self.size, self.size
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
     def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
-        """Set the S_r that maximise σ, subject to σ I <= M̂, κ <= `kappa`, μ_k <= `rates`, at the program's samples."""
+        """Set the S_r that maximise σ, subject to σ I <= M̂, κ <= `kappa`, μ_k <= rates[k] at the program's samples.
+
+        `slopes` are ∂h/∂q_k (B, N) [1/rad] of the rule weights h, for each kept angle q_k.
+        """
         near = sorted(self.near)
         hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
@@ -386,9 +388,9 @@ _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 @dataclasses.dataclass(frozen=True)
 class InertiaMetric:
-    """Bounds on the inertia at the angles searched; quantities as in `ScheduledController`.
+    """Bounds on the inertia at the angles searched; the attributes mean the same as in `ScheduledController`.
 
-    There, `kappa`, `floor` and `rates` are wider, to hold at all angles.
+    The controller's `kappa` and `rates` are larger and its `floor` is smaller, to be true at all angles.
     """
 
     premises: tuple[Premise, ...]  # the kept premises
@@ -404,7 +406,7 @@ class InertiaMetric:
 def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, count: int) -> InertiaMetric:
     """Return the metric found for premises and a decay rate α [1/s] from samples at `count` postures.
 
-    At the samples, further premises do not raise κ or (3κ - 2)(α + μ), see `_with_premise`.
+    The premises are added one by one; none of them raises κ or (3κ - 2)(α + μ) at the samples.
     """
     n = split = len(robot)
     if n > _UNSPLIT:  # two or three angles from the end, with no kept angle beyond
@@ -419,7 +421,7 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
         distal, scale = TrigMatrix(inertia_polynomial(robot, split, n)), 1.0 / np.sqrt(np.diag(unit))
 
         def gap(bound: np.ndarray, sign: float) -> float:
-            """Return the smallest eigenvalue of `sign` (D - `bound`) at any angles, relative to `unit`; at most 0."""
+            """Return the least eigenvalue of `sign` (D - `bound`) relative to `unit` over all angles; 0 if positive."""
 
             def least(q: np.ndarray) -> np.ndarray:
                 scaled = sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale
@@ -444,9 +446,9 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
 
 
 def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count: int) -> Premise:
-    """Return the premise of a further joint that gives the smallest (3κ - 2)(α + μ) [1/s] together with the kept ones.
+    """Return the premise to add to the kept ones that gives the smallest (3κ - 2)(α + μ) [1/s].
 
-    The search uses `count` samples and does not split the chain.
+    Its joint has no kept premise. `alpha` is α [1/s]; the search uses samples at `count` postures.
     """
     left = sorted({*range(1, len(robot))} - {premise.joint for premise in kept})
     candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
@@ -459,7 +461,7 @@ def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count
 
 
 def _searched(robot: Robot, premises: tuple[Premise, ...], alpha: float, split: int, count: int) -> _Search:
-    """Return the search run with these premises, added one by one, at `count` samples split behind link `split`."""
+    """Return the finished search with these premises, added one by one, on `_Samples.of(robot, split, count)`."""
     search = _Search(_Samples.of(robot, split, count))
     search.run()
     for number in range(1, len(premises) + 1):

@@ -1,14 +1,16 @@
 """A matrix inequality for the poles of the frozen rigid loop to lie in a region of the complex plane.
 
-A region is the set of z with R + z S + z* Sᵀ < 0, for R symmetric and S of the same size s: a half plane to the left of
--α (R = 2α, S = 1), a sector |Im z| < -t Re z (R = 0, S = [[t, 1], [-1, t]]), a disc of radius r about -q (R = [[-r, q],
-[q, -r]], S = [[0, 1], [0, 0]]). With the matrices of `proof._theorems`, F_ijk = A_i P + B M_jk, the Kronecker
+A region is the set of z with R + z S + z* Sᵀ < 0, for R symmetric and S of the same size s, such as a half plane to the
+left of -α (R = 2α, S = 1), a sector |Im z| < -t Re z (R = 0, S = [[t, 1], [-1, t]]), a disc of radius r about -q (R =
+[[-r, q], [q, -r]], S = [[0, 1], [0, 0]]). With the matrices of `proof._theorems`, F_ijk = A_i P + B M_jk, the Kronecker
 product ⊗, slack variables Q and X of this inequality and symmetric multipliers Θ_l, every pole of every frozen loop
 lies in the region if Π_iik < 0 and Π_ijk + Π_jik < 0 for i < j and all k, where
 
             | R⊗P + He((S⊗I) Q_ij)                     ⋆                                  ⋆    |
     Π_ijk = | I⊗F_ijk - (I⊗E_k) Q_ij + X_ijᵀ (S⊗I)ᵀ    -He((I⊗E_k) X_ij) + Σ Θ_l⊗H_lᵀH_l  ⋆    |
             | I⊗W_l P  or  -(I⊗W_l) Q_ij               0  or  -(I⊗W_l) X_ij               -Θ_l⊗I|
+
+with a last row for each uncertainty l: the entries before "or" if l is on A, those after it if on E.
 
 For s = 1 this is the inequality of the decay rate in `proof._theorems` without the rows d and z. Multiplication by
 [I, (S⊗I)(I⊗E)⁻¹, ...] from the left and by its transpose from the right eliminates X and leaves R⊗P + He(S⊗(E⁻¹F)):
@@ -42,9 +44,9 @@ def pi(
 ) -> Any:
     """Return Π_ijk (..., rows, rows), symmetric and affine in P, M, Q, X and Θ, for numbers or cvxpy expressions.
 
-    The vertices are those of the consistent form, with n = 4 or, with the integral, n = 6; i and k start at 0, and for
-    arrays of them the result is a stack, as in `_theorems.error_psi`. R [1/s] and S are (s, s), P is (n, n), M_jk is
-    (..., 2, n), Q_ij and X_ij are (..., s n, s n), and Θ (..., m, s, s) has an entry for each of `data.uncertainties`.
+    The vertices are those of the consistent form, with n = 4 or, with the integral, n = 6; i and k start at 0, and
+    arrays of them give a stack. R [1/s] and S are (s, s), P is (n, n), M_jk is (..., 2, n), Q_ij and X_ij are
+    (..., s n, s n), and Θ (..., m, s, s) has an entry for each of `data.uncertainties`.
     """
     one, n = identity(len(S)), data.n_e
     E, wide = np.kron(one, data.error_E(k)), np.kron(S, identity(n))

@@ -81,7 +81,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
 
 
 def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | None:
-    """Return the feedback for κ, α + μ = `rate` [1/s], γ <= `gamma` [s²] and the smallest β; None if not found."""
+    """Return the feedback with the smallest β for κ, α + μ = `rate` [1/s], γ <= `gamma` [s²]; None if not found."""
     lowest, best = smallest_pole(kappa, rate), None
 
     def fails(pole: float) -> bool:
@@ -98,7 +98,7 @@ def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | No
 
 
 def _holds(found: Feedback, kappa: float, rate: float) -> bool:
-    """Return whether a feedback meets all inequalities for κ and α + μ = `rate` [1/s]; in floats, this is no proof."""
+    """Return whether a feedback meets all inequalities for κ and α + μ = `rate` [1/s], as computed in floats."""
     P, matrices = np.linalg.inv(found.X), [found.X]
     m = found.k[np.newaxis] @ P
     for share in (1.0 / kappa, 1.0):

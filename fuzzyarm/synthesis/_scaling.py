@@ -5,8 +5,8 @@ matrices of the arm are of order one. The decision variables are numbers of orde
 
     P: T Tᵀ,   M: U Tᵀ,   L: U V⁻ᵀ,   Q: σ T Tᵀ,   X: T R⁻ᵀ,   τ_l: n_l²/σ,
 
-and the rows of Ψ are multiplied by `rows`: a congruence, which changes no solution. P has a further unit c;
-see `DesignProblem`.
+with the unit n_l of uncertain term l, and the rows of Ψ are multiplied by `rows`: a congruence, which changes no
+solution. P has a further unit c; see `DesignProblem`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Scaling:
 
     @property
     def rows(self) -> np.ndarray:
-        """Factors (rows,) of the rows x, ẋ, w, z and uncertain terms of Ψ; in w those of d are V σ^(-½) [N m s^½]."""
+        """Factors (rows,) that multiply the rows x, ẋ, w, z and uncertain terms of Ψ; for d, the unit is [N m s^½]."""
         root = np.sqrt(self.time)
         terms = np.repeat(root / self.uncertainty, self.terms)
         return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])
@@ -72,9 +72,9 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return the unit n_l of an uncertain term with which n_l H R and W T/n_l (for E, σ W T/n_l) have the same norm.
+    """Return the unit n_l of an uncertain term that gives n_l H R and W T/n_l (for E, σ W T/n_l) the same norm.
 
-    T, R, σ: `state`, `row`, `time`. In the paper's form W also acts on x_r.
+    T, R and σ are `state` (4,), `row` (4,) and `time`. If `data` has the paper's form, W also multiplies x_r.
     """
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):

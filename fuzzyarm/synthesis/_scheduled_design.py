@@ -37,19 +37,18 @@ _WIDENINGS = (2e-3, 1e-2, 4e-2)
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledSpecification:
-    """The requirements of a design; without γ and fastest pole, the pole is 1.5 times the smallest possible one.
+    """The requirements of a design; without γ and `fastest_pole`, the latter is 1.5 times its smallest possible value.
 
-    The theorem holds for the rigid arm in continuous time, and the bounds on the inertia determine how fast the arm's
-    poles must be for a decay rate. Without `alpha`, the decay rate is the largest of `ALPHAS` for which the loop on the
-    elastic arm, sampled at 1 kHz, is stable at random postures with twice its gain and with one sample of delay. If
-    there is no such rate, it is the last of `ALPHAS`.
+    The theorem is for the rigid arm in continuous time. Without `alpha`, the decay rate is the largest of `ALPHAS` for
+    which the loop on the elastic arm, sampled at 1 kHz, is stable at random postures with twice its gain and with one
+    sample of delay. If there is no such rate, it is the last of `ALPHAS`.
 
     Attributes:
         premises: the kept premises; None to find the best ones automatically.
         rules: 1, 2, 4, 8 or 16, doubled by each premise; ignored if `premises` are given.
         alpha: decay rate [1/s]; None: see above.
-        gamma: bound on the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
-        fastest_pole: upper bound on the decay rate [1/s]; None for the smallest with this γ.
+        gamma: bound on the L2 gain [rad/(N m)], in Euclidean norms; None: the smallest for this `fastest_pole`.
+        fastest_pole: upper bound on the decay rate [1/s]; None: the smallest for this `gamma`.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -83,8 +82,8 @@ class ScheduledDesign:
     Attributes:
         controller: the controller, ready to be saved.
         certificate: certificate of all claims of the controller, all proven.
-        metric_seconds: time of the search for premises and inertia [s].
-        proof_seconds: time of the proof [s].
+        metric_seconds: time of the search for premises and bounds on the inertia [s].
+        proof_seconds: time of computing and proving the feedback [s].
     """
 
     controller: ScheduledController

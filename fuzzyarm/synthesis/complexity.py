@@ -1,16 +1,17 @@
-"""Size of the design problem: by the paper's formula (Remark 4, Table 2), and as stated in a theorem.
+"""Size of the design problem: by the paper's formula (Remark 4, Table 2), and counted from the inequalities.
 
 The paper counts, with N vertices of A, N_e of E, n_x states, n_d disturbances and n_u inputs of the plant,
 
     N_var = 6 + n_x (1 + 3N² + N_e N² + n_d),        N_row = 6 n_x (1 + N N_e) + n_x N (8 n_x N + N_e n_u),
 
 in the reading that reproduces all eight numbers of Table 2. This is not the size of the semidefinite program: with n,
-n_e and n_r columns of P, M and L, m uncertain terms with r rows in total and N(N + 1)/2 pairs i <= j, the program has
+n_e and n_r columns of P, M and L, ν free entries of P, n_w and n_z entries of w and z, m uncertain terms with r rows in
+total and N(N + 1)/2 pairs i <= j, the program has
 
-    variables:  |P| + N N_e n_u (n_e + n_r) + N(N + 1)/2 (2n² + N_e m) + 1,
+    variables:  ν + N N_e n_u (n_e + n_r) + N(N + 1)/2 (2n² + N_e m) + 1,
     rows:       n + N(N + 1)/2 N_e (2n + n_w + n_z + r).
 
-The problem that is solved is smaller, see `_design_problem`; `Design` states its size.
+The problem that is solved is smaller; `Design` states its size.
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ class _Size:
 
 
 def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int = 2) -> _Size:
-    """Return N_var and N_row of Remark 4; N is half the number of rules if z1 is kept."""
+    """Return N_var and N_row of Remark 4; N is the number of rules, or half of that if z1 is kept."""
     return _Size(
         variables=6 + n_x * (1 + 3 * N**2 + N_e * N**2 + n_d),
         rows=6 * n_x * (1 + N * N_e) + n_x * N * (8 * n_x * N + N_e * n_u),
@@ -39,7 +40,7 @@ def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int 
 
 
 def full_size(data: Vertices, *, gains_bounded: bool = False) -> _Size:
-    """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as in Theorems 1 and 2 with L free.
+    """Return how many variables and rows P > 0 and Ψ_ijk + Ψ_jik < 0, for all i <= j and k, have with L free.
 
     With `gains_bounded`, [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is added, and g replaces γ² as a variable.
     """

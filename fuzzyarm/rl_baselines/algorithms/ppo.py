@@ -147,7 +147,7 @@ class _PPOAlgorithm:
         return int(self.model.num_timesteps)
 
     def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
-        """Continue until `total_timesteps` steps are done; see `_Algorithm.learn`."""
+        """Train until the run has done `total_timesteps` environment steps; see `_Algorithm.learn`."""
         from stable_baselines3.common.callbacks import BaseCallback
 
         algorithm, begun = self, self.steps
@@ -214,7 +214,7 @@ class _PPOAlgorithm:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `state` returned, see `_Algorithm.set_state`."""
+        """Restore what `state` returned; see `_Algorithm.set_state`."""
         from fuzzyarm.rl_baselines._checkpoint import check_learner
 
         model, policy = self.model, self.model.policy

@@ -189,7 +189,7 @@ def _rotation(span: np.ndarray, axes: int, generator: np.random.Generator) -> tu
 
 
 def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
-    """Return a reference of a few millimetres: a circle, mostly at 0.45 to 0.85 of the reach, or a robot's spline."""
+    """Return a reference a few millimetres in size: a spline for a `Robot`, a circle for a two-joint arm."""
     if isinstance(arm, Robot):
         return _small_spline(arm, generator)
     reach, nearest = sum(arm.length), abs(arm.length[0] - arm.length[1])

@@ -1,7 +1,7 @@
 """The teacher: the law of the adaptive observer, given the true state, plant, load and delay.
 
 The law gets the true state of the arm, and as its beliefs p the true constants, payload and delay of the lane. The
-force is known at the last, current and next samples, so that the motors follow a changing force in time. The student
+force is known at the last, current and next samples, so that the motors follow it in time. The student
 has to learn the difference between the teacher's torque and its own base torque u_b.
 """
 
@@ -59,7 +59,10 @@ class Teacher:
         return wanted
 
     def beliefs(self) -> np.ndarray:
-        """Return true values of the adaptive observer's beliefs (lanes, states and parameters), but zero force."""
+        """Return the true states and parameters p, (lanes, 4 n + size of p).
+
+        The forces in p are zero, since the law gets the true forces separately.
+        """
         s = self._settings
         p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]
@@ -76,7 +79,10 @@ class Teacher:
         return np.stack(np.broadcast_arrays(*flat(plant), self._payload), axis=-1)
 
     def _force(self, ahead: int) -> np.ndarray:
-        """Return the tip forces (lanes, axes) [N] `ahead` control periods from now, a time clipped to the episode."""
+        """Return the tip forces (lanes, axes) [N] `ahead` control periods from now.
+
+        A time before the start or after the end of the episode counts as its start or end.
+        """
         clock, lanes = self._lanes.clock, self._lanes
         rows = lanes.table[np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
         mean, change = np.split(rows[:, self._force_at], 2, axis=1)
