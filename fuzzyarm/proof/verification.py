@@ -107,7 +107,7 @@ class Verification:
 def verify_file(path: str | Path) -> Verification:
     """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read.
 
-    In the form "semidefinite", all boxes of angles are proven again, in ball arithmetic.
+    For the form "semidefinite", the bounds on the inertia are also proven in balls on each box of angles.
     """
     path = path_of("path", path)
     controller = load_controller(path)

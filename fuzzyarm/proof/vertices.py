@@ -43,9 +43,9 @@ class Vertices:
         return [(i, j) for i in range(len(self.A)) for j in range(i, len(self.A))]
 
     def midpoints(self) -> Self:
-        """Return the same data with the matrices (A_i + A_j)/2 of all `pairs`, in their order, as the list A.
+        """Return the same data, with the matrices (A_i + A_j)/2 of all `pairs`, in their order, in place of the A_i.
 
-        Since Ψ_ijk is affine in A_i, M_jk, L_jk, (Ψ_ijk + Ψ_jik)/2 is Ψ there with (M_ik + M_jk)/2, (L_ik + L_jk)/2.
+        Ψ_ijk = Ψ(A_i, M_jk, L_jk) is affine: (Ψ_ijk + Ψ_jik)/2 = Ψ((A_i + A_j)/2, (M_ik + M_jk)/2, (L_ik + L_jk)/2).
         """
         return dataclasses.replace(self, A=[0.5 * (self.A[i] + self.A[j]) for i, j in self.pairs])
 
@@ -102,7 +102,7 @@ def error_vertices(
 def tracking_vertices(
     model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool = False, rationals: bool = False
 ) -> TrackingVertices:
-    """Return `error_vertices` with the reference model (8) for r = (q_d, q̇_d, q̈_d) and Q = diag(`weight` (4,))."""
+    """Return `error_vertices` of these arguments with the model (8) for (q_d, q̇_d, q̈_d) and Q = diag(`weight` (4,))."""
     plain = error_vertices(model, integral, common_multiplier=common_multiplier, rationals=rationals)
     p, I, O = REFERENCE_POLE, np.eye(JOINTS), np.zeros((JOINTS, JOINTS))  # noqa: E741  identity
     A_r, B_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]]), np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])

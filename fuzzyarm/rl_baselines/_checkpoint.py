@@ -61,7 +61,7 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Return the content that `write_checkpoint` stored at `path`, with tensors for NumPy arrays.
+    """Return the content that `write_checkpoint` stored at `path`, with NumPy arrays as tensors.
 
     Raises:
         CheckpointError: the file is missing, damaged or not a checkpoint.

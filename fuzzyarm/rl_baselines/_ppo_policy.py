@@ -31,7 +31,7 @@ class PlantView(VecEnvWrapper):
         super().__init__(venv, gym.spaces.Box(-np.inf, np.inf, (size,)))
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in every lane and return its observations (lanes, n)."""
+        """Begin an episode in every lane and return the observations (lanes, features)."""
         return self._seen(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:

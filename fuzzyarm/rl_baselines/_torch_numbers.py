@@ -17,9 +17,9 @@ class Angle:
     """An angle (lanes,) [rad] in float32 with its rounding error (Kahan's compensated sum).
 
     The physics adds increments of a hundred-thousandth of an angle's size. In an episode of the paper the tip is off by
-    up to 4 µm in plain float32, and by 0.1 µm with the rounding errors.
+    up to 4 µm in plain float32, and by 0.1 µm if the rounding errors are kept.
 
-    It supports the arithmetic of the physics. Adding an increment gives an angle; all other operations give tensors.
+    Adding an increment gives an angle; all other operations give tensors.
     `value` is the rounded angle, `rest` the exact angle minus `value`.
     """
 
@@ -98,7 +98,7 @@ class TorchTable:
         return columns
 
     def number(self, value: float) -> Tensor:
-        """Return `value` as a tensor () in the table's dtype; a float times a bool tensor has torch's default dtype."""
+        """Return `value` as a tensor () in the table's dtype: a float times a bool tensor has torch's default dtype."""
         return self.tensor.new_full((), value)
 
 
@@ -126,7 +126,6 @@ class TorchWord:
 
 
 def _bits(other: Any) -> Any:
-    """Return the bits of words as int64, or a Python integer modulo 2^64, shifted into the range of int64."""
     return other.bits if isinstance(other, TorchWord) else (other + 2**63) % 2**64 - 2**63
 
 
@@ -156,7 +155,7 @@ class _Words:
 
     @staticmethod
     def number(of: TorchWord) -> Tensor:
-        """Return a word below 2^53 as a float; in float32 its upper 24 of 53 bits, since rounding might give 2^53."""
+        """Return a word below 2^53 as a float; in float32 its lower 29 bits are cleared, lest rounding give 2^53."""
         exact = of.bits if of.dtype == torch.float64 else of.bits & -(1 << 29)
         return exact.to(of.dtype)
 

@@ -87,7 +87,7 @@ class Space:
         return range(count)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return function(*arguments), for affine arguments by the substitute of `function` in `_ENCLOSED`, if any."""
+        """Return the result of `function` or, for affine arguments, of its substitute in `_ENCLOSED`, if it has one."""
         known = _ENCLOSED.get(function)
         if known is None or not any(isinstance(x, Affine) for x in arguments):
             return function(*arguments)
@@ -149,7 +149,7 @@ class Space:
 
 
 class _Line(NamedTuple):
-    """A linear approximation of a function: the value at z, the slope λ, and a bound on the remainder."""
+    """A line y + λ (x - z) that approximates f(x): the value y, the slope λ, and a bound on the line's error."""
 
     value: Any
     slope: float
@@ -170,7 +170,7 @@ class _Bend:
     rising: bool = False  # f increases; f' is even and decreases with |x|
 
     def line(self, z: float, r: float) -> _Line:
-        """Return, of the known lines for |x - z| <= r, the one with the smallest remainder."""
+        """Return a line that approximates f(x) for |x - z| <= r."""
         at, around = arb(z), arb(z, r)
         f, slope = self.value(at), self.rate(at)
         tangent = middle_of(slope)
@@ -264,11 +264,11 @@ class Affine:
         return self.middle - radius, self.middle + radius
 
     def largest(self) -> float:
-        """Return a bound on |x|."""
+        """Return a bound on |x| at all points of the zonotope."""
         return (abs(self.middle) + self.reach() + self.rest) * _UP
 
     def widened(self, left: float, *, fresh: bool = False) -> Affine:
-        """Return x plus a deviation up to `left`: in β, or a new unknown if `fresh` and `left` > `WORTH` · `size`."""
+        """Return x ± `left`: as a new unknown g_i if `fresh` and `left` > `WORTH` · `size`, otherwise as part of β."""
         if fresh and left > WORTH * self.size:
             row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
             row[: len(self.row)], row[-1] = self.row, left
@@ -414,7 +414,7 @@ class _Undecided:
     __rand__, __ror__, __rmul__ = __and__, __or__, __mul__
 
     def select(self, first: Any, second: Any) -> Any:
-        """Return `first` if the condition holds, else `second`; `NoBound` unless this is their maximum or minimum."""
+        """Return max(first, second) or min(first, second), as the condition selects; `NoBound` for other conditions."""
         if self.lesser is not None and first is self.greater and second is self.lesser:
             larger = self.lesser + _positive_part(self.greater - self.lesser)
             larger.parts = first, second
@@ -440,7 +440,7 @@ def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
 
 
 def _level(a: Any, b: Any) -> Affine | None:
-    """Return min(a, b) as a new unknown in [l, h] if it is min(max(x, l), h) and x may pass both ends, else None."""
+    """Return min(a, b) as a new unknown in [l, h] if it is min(max(x, l), h) for l < h in the range of x, else None."""
     larger, most = (a, b) if isinstance(a, Affine) else (b, a)
     if isinstance(most, Affine) or larger.parts is None:
         return None
@@ -487,7 +487,7 @@ class _Places:
     __float__ = __bool__
 
     def select(self, first: Any, second: Any) -> _Places:
-        """Return, for each value, `first` if that value, a condition, is true, else `second`."""
+        """Return a `_Places` with `first` where the value of this one is true, and `second` where it is false."""
         return self.each(select, first, second)
 
     @staticmethod

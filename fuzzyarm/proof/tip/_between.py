@@ -36,7 +36,10 @@ def between_samples(
     tube: Sequence[Closed],
     plant: BallPlant,
 ) -> float:
-    """Return a bound on T²/8 sup |ë| [m] in a period that begins at `begin` [s], from its segments and their tube."""
+    """Return a bound on T²/8 sup |ë| [m], by which |e| in a period may exceed its values at the period's ends.
+
+    The period begins at `begin` [s]; `tube` has the tube on each of its `segments`.
+    """
     sizes, now = [], begin
     for segment, closed in zip(segments, tube, strict=True):
         motion, part = PeriodMotion(segment.angles, segment.duration, plant.physics), segment.duration / _PARTS

@@ -6,8 +6,9 @@ middle of the set,
     N = u - K φ - B φ̇ - f_v θ̇,       P = N - I_a θ̈,       d = K φ + B φ̇ - R(q, q̇, q̈, F).
 
 A motor with the net torque N follows the centre if its friction torque is -P, and the links do with an additional
-torque -d. The angles are polynomials in s in [-1, 1], and so are N and P; d is a power series about s = 0, whose
-remainder is its last coefficient about the ball s in [-1, 1] (Lagrange). All of them are a `Signal`.
+torque -d. The angles, N and P are polynomials in s in [-1, 1]; d is a power series about s = 0 with
+Lagrange's remainder: its last coefficient is a ball that encloses those about all points of [-1, 1]. Each function
+is a `Signal`.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def _bernstein_table(degree: int) -> Any:
 
 
 def _shift_table() -> Any:
-    """Return a matrix of balls that converts a polynomial's coefficients to those about all points of [-1, 1]."""
+    """Return a matrix that maps a polynomial's coefficients about 0 to balls of those about all points of [-1, 1]."""
     powers = [arb(1), *[between(-1.0, 1.0)] * DEGREE]  # of s, which all lie in [-1, 1]
     return arb_mat([
         [arb(math.comb(j, i)) * powers[j - i] if j >= i else arb(0) for j in range(DEGREE + 1)]
@@ -182,7 +183,10 @@ class PeriodMotion:
         return [own.stiffness * self.bending(j) + own.damping * self.bending_rate(j) - torques[j] for j, own in drives]
 
     def lever_arms(self, directions: np.ndarray, arm: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return Jᵀ d (2, 2) [m] for unit forces d (rows) at mid-period, and bounds on its change in the period."""
+        """Return Jᵀ d (2, 2) [m] at mid-period: one column for each unit force d, a row of `directions`.
+
+        The second result bounds the change of Jᵀ d (2, 2) [m] in the period.
+        """
         lever, spread = np.zeros((self._joints, len(directions))), np.zeros((self._joints, len(directions)))
         middles, force = [signal[0] for signal in self.links[0]], self._physics.Point
         for axis, unit in enumerate(directions.tolist()):

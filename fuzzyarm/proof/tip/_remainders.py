@@ -57,7 +57,7 @@ class _Linearised:
     """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant, arm: Any) -> None:
-        """Linearise R for constants `arm` in balls: those of the plant's middle, or the part due to one mass."""
+        """Linearise R for `arm`, balls for the constants of the set's middle, or for their change due to one mass."""
         self._motion, self._force, self._plant, self._arm = motion, force, plant, arm
         middles, push = [[signal[0] for signal in kind] for kind in motion.links], [part[0] for part in force.middle]
         slopes = _link_slopes(plant.physics, middles, push, arm)
@@ -104,10 +104,10 @@ class LinkRemainder:
         )
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """Return bounds (2,) [N m] on the omitted torques n for a claimed tube ρ (18,).
+        """Return bounds (2,) [N m] on the omitted torques n of the links, if the deviation is in the tube ρ (18,).
 
-        `torques` (8,) bounds all other remainders. If w̄ (8,) bounds these and n, the observed rows, of which the last k
-        are `products`, are within free (18 + k,) + push (18 + k, 8) w̄.
+        `torques` (8,) bounds the remainders without n. With a bound w̄ (8,) on the remainders including n,
+        |S ξ| <= free (18 + k,) + push (18 + k, 8) w̄. The last k entries of S ξ are the r_p ξ of the class.
         """
         fixed = self._whole.left_out(tube)
         for one in self._masses:
@@ -123,7 +123,6 @@ class LinkRemainder:
         return np.asarray(found)
 
     def _by_link(self, torques: np.ndarray) -> np.ndarray:
-        """Return the sum over the masses, by link (2,), of torques (2 masses,), by mass, then by link."""
         return np.asarray(torques.reshape(-1, self._layout.joints).sum(axis=0))
 
 
@@ -161,7 +160,7 @@ class ConstantForces(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> ConstantForces:
-        """Return a copy with uncertain dry friction on motors whose plan is SLIP, and no torque if it is MONOTONE."""
+        """Return a copy with uncertain dry friction on motors of plan SLIP, and no torque on those of plan MONOTONE."""
         drive, channels = ConstantForces(*(part.copy() for part in self)), plant.layout.channels
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
@@ -173,7 +172,7 @@ class ConstantForces(NamedTuple):
         return drive
 
     def _add(self, constant: int, channel: int, factor: arb, signal: Signal) -> None:
-        """Enter factor · signal as the torque of a constant in a channel; both are given by index."""
+        """Store factor · signal as the torque due to one constant in one channel, given their indices."""
         torque = factor * signal
         level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope

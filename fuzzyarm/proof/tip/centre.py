@@ -85,9 +85,9 @@ class Centre:
     ) -> Iterator[Segment]:
         """Yield the centre of a period, in segments on which no motor changes its mode.
 
-        `state` (8,) is the initial state, `torque` (2,) [N m] is held, and `force` (4,) [N] gives the force along each
-        axis at the middle of the period, then its change over the period. `drags` are constant friction torques of the
-        motors [N m]; None: friction by the law.
+        `state` (8,) is the initial θ, q, θ̇, q̇, and `torque` (2,) [N m] is held. `force` (4,) [N] has the tip force
+        along x and y at the middle of the period, then its change along x and y over the period. `drags` are constant
+        friction torques of the motors [N m]; None: friction by the law.
         """
         begun = 0.0
         for count in range(_MOST_SEGMENTS):

@@ -1,13 +1,13 @@
 """Bounds on the difference between a motor's friction and the centre's, on the tube of one period.
 
-The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
-the friction -P (`_defects`), so the torque on the deviation is w = Γ_f + P:
+A motor with the velocity v = θ̇ and the net torque N (`_defects`) obeys I_a v̇ = N + Γ_f, where Γ_f = -F(v) sgn v for
+v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). δv and δN are deviations from the centre y, which has the friction -P.
+The torque on the deviation is w = Γ_f + P:
 
     v > 0     w = P - F(v);          v < 0     w = P + F(v);
     v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
 
 *Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min, so v <= max(0, v_0 + t (N_max - F_min)/I_a); v < 0 is similar.
-This bound on v may rule out one sign although the tube contains zero.
 
 *Monotonicity.* v -> F(v) sgn v + L v increases, where L is the largest -F' on the tube. If -P is within η of the law's
 friction at the centre's velocity, the velocities of two solutions diverge no faster than
@@ -17,12 +17,12 @@ I_a |δv|' <= |δN| + η + L |δv|, whether the motor sticks or slips.
 
 *Curve.* `check_curve` proves these properties in balls:
 
-    F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
+    F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it,
 
-At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` times the speed
-of inflection, the remaining decrease is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and
-|F - F(∞)| <= 2^-40 Γ_fs, which `_Curve.slopes` and `_Curve.strength` add. All are checked on balls that
-cover speeds up to 2^100 times the inflection's.
+with s = `_Curve.steepest` and the static friction Γ_fs. At the inflection itself, in a range of relative width 2e-9,
+-s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` times the speed of inflection, the remaining decrease is too small for a
+ball to decide its sign: there |dF/dv| <= 2^-40 s, and F is within 2^-40 Γ_fs of its value at the highest speed.
+`_Curve.slopes` and `_Curve.strength` allow for this. The balls cover speeds up to 2^100 times the inflection's.
 """
 
 import enum
@@ -197,11 +197,11 @@ class Friction:
         return (tube_net + self._needed_size + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound on |w|, the friction minus the centre's [N m]; `PlanFails` if the tube contradicts the plan.
+        """Return a bound on |w| + `products` [N m]; `PlanFails` if the tube contradicts the plan.
 
-        The friction factor's effect on the result of `torque` is left out. The tube has the radii `tube_speed` of v
-        [rad/s] and `tube_net` of the net torque [N m]. `products` bounds the torques [N m] of the motor's
-        uncertain inertia and viscous friction times the deviation, `constants` all others of uncertain constants.
+        The result of `torque` times the friction factor's error is left out. In the tube, |δv| <= `tube_speed` [rad/s]
+        and |δN| <= `tube_net` [N m]. `products` [N m] bounds the errors of inertia and viscous friction times the
+        deviations of acceleration and velocity, `constants` [N m] all other torques due to errors of constants.
         """
         low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:
@@ -264,16 +264,19 @@ class Friction:
         )
 
     def _during(self, low: float, high: float, spread: float) -> Speed:
-        """Return the tube's bounds low <= v <= high [rad/s], narrowed to what v reaches by `_rates` with `spread`."""
+        """Return bounds on v [rad/s] in the segment, from those of the tube, low <= v <= high [rad/s].
+
+        The result is narrower if v cannot reach all of these speeds with |δN| <= `spread` [N m].
+        """
         falling, rising = self._rates(low, high, spread)
         least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
         most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
         return Speed(max(low, least), min(high, most))
 
     def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
-        """Return bounds on v [rad/s] at the segment's end, for the tube's range `end` of v there.
+        """Return bounds on v [rad/s] at the segment's end; those of the tube at the end are `end` = (low, high).
 
-        `tube_speed` is the tube's radius of v during the segment, and |δN| <= `spread` [N m].
+        During the segment, |δv| <= `tube_speed` [rad/s] and |δN| <= `spread` [N m].
         """
         if self.plan is Plan.ANY:
             return Speed(-math.inf, math.inf)

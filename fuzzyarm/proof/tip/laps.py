@@ -86,7 +86,10 @@ class StartBox:
         return ", ".join(parts) or "one state"
 
     def columns(self, joints: int, numbers: int, memory: int) -> np.ndarray:
-        """Return the box as columns (numbers, 4 joints + memory); x has `numbers` entries, the memory `memory`."""
+        """Return the box as columns (numbers, 4 · joints + memory).
+
+        `numbers` is the length of x, `memory` that of the memory.
+        """
         if isinstance(self.memory, tuple) and len(self.memory) != memory:
             raise ValueError(f"memory has {len(self.memory)} numbers; this policy needs {memory}")
         for name in _UNITS:
@@ -142,10 +145,10 @@ class LapSet(NamedTuple):
     def filled(self, point: tuple[np.ndarray, np.ndarray, np.ndarray], deviations: Zonotope) -> float:
         """Return a bound on this set's |g_i| for all points of the end of a lap; at most 1 means that all lie inside.
 
-        The end is given by `point` c⁺, (8,), (m,), (0 or 2,), and deviations, as in `around`. Its difference from this
-        set's c + C π is Y y, |y_i| <= 1, where Y has the columns c⁺ - c, C⁺ - C and the deviations' others. G g = Y y,
-        G = [G', B] with B square, is solved by g' = Γ' y for any Γ', and x = B g'' = (Y - G' Γ') y. For W near B⁻¹ and
-        E = I - W B, |g''| <= |W x| + |E| max |W x| / (1 - max Σ |E|).
+        The end is the `point` c⁺ plus deviations, as in `around`, whose columns are C⁺ for the constants, and others.
+        The end minus this set's c + C π is Y y, |y_i| <= 1, where Y has the columns c⁺ - c, C⁺ - C and the others.
+        For G = [G', B] with B square and any matrix Γ', G g = Y y has a solution g = (g', g'') with g' = Γ' y and
+        B g'' = z, z = (Y - G' Γ') y. For W near B⁻¹ and E = I - W B, |g''| <= |W z| + |E| max |W z| / (1 - max Σ |E|).
         """
         numbers, block = len(self.columns), self.columns[:, -len(self.columns) :]
         constants, others = _parted(deviations)
@@ -176,10 +179,10 @@ def _parted(deviations: Zonotope) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shared(kept: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Subtract from each of `columns` (numbers, n) a multiple of a column of `kept` (numbers, k), if nearly equal.
+    """Subtract from some of `columns` (numbers, n) a nearly equal multiple of a column of `kept` (numbers, k).
 
-    Each column is used at most once. Return `kept`, the factors (k,) of its columns, within ±1, and the rest of
-    `columns` (numbers, n).
+    No column is used twice. Return `kept`, the factors (k,) of its columns, within ±1 and 0 if unused, and `columns`
+    after the subtraction.
     """
     if not kept.shape[1] or not columns.shape[1]:
         return kept, np.zeros(kept.shape[1]), columns

@@ -164,7 +164,7 @@ class Period:
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
-        """Return the `Friction` of a motor under a plan, cached."""
+        """Return the cached `Friction` of a motor under a plan; `known` bounds its velocity at the period's start."""
         key = joint, plan, known
         if key not in self._frictions:
             mode, torque = self._centre.modes[joint], float(self._torque[joint])
@@ -184,9 +184,10 @@ class Period:
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: ConstantForces
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the effect of the zonotope `start` and of the constants' torques `driven`, without remainders.
+        """Return the columns (10, k) of ξ_h at the period's end, and bounds (18 + n,) on |S ξ_h| during the period.
 
-        The results are the columns (10, k) of ξ at the period's end, and bounds (18 + n,) on |S ξ| during the period.
+        `start` is the zonotope of ξ at the period's start, with k columns; `driven` has the torques due to the
+        uncertain constants; S has n rows after the 18 of `StateLayout`.
         """
         S, D, b, states = system.S, system.D, system.b, slice(0, self._layout.states)
         constants, totals = driven.level.shape[1], start.totals()
@@ -223,10 +224,10 @@ class Period:
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return bounds w̄ (8,) on the remainders for a claimed tube and the uncertain constants' torques `driven`.
+        """Return bounds w̄ (8,) on what the linear equation omits in each channel, if the deviation is in `tube` (18,).
 
-        |δv| <= `before` (2,) [rad/s] at the start of the period. The observed rows are within free + push w̄, for
-        (free, push) = `observed`.
+        `frictions` are the motors', `driven` has the torques due to the uncertain constants, and `observed` = (free,
+        push) with |S ξ| <= free + push w̄. At the period's start, |δv| <= `before` (2,) [rad/s].
         """
         torques = driven.rest.copy()
         torques[self._channels.link] += self._defect

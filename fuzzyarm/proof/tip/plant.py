@@ -155,7 +155,7 @@ def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
 
 
 def _checked(name: str, given: Any) -> Any:
-    """Check the field `name` of a `PlantSet`; return it in floats: one range (low, high), or one for each joint."""
+    """Return `given`, one range or one per joint, as floats; TypeError or ValueError if the field `name` forbids it."""
     low, high, unit = ALLOWED[name]
     if name in BY_JOINT and isinstance(given, list | tuple) and any(isinstance(part, list | tuple) for part in given):
         if len(given) != JOINTS:
@@ -188,7 +188,7 @@ with every torque one control period late."""
 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
-    """Raise ValueError unless a label is short printable ASCII and not a name of `SETS` for other plants."""
+    """Raise ValueError if `name` is not short printable ASCII, or is a name in `SETS` but `plants` differ."""
     if not (isinstance(name, str) and 0 < len(name) <= _LONGEST_LABEL and name.isascii() and name.isprintable()):
         raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {_LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:
@@ -245,7 +245,7 @@ class BallPlant:
 
     @property
     def layout(self) -> StateLayout:
-        """The index ranges of these arms' vectors."""
+        """The `StateLayout` for the joints and tip axes of these arms."""
         return layout(self.physics.joints, self.physics.axes)
 
     @classmethod

@@ -77,7 +77,7 @@ class SampledLaw:
         self.memory = len(self.remembered)
 
     def repeats(self, steps: int) -> bool:
-        """Return whether all laps of `steps` samples after the first begin with the same memory of references."""
+        """Return whether all laps but the first, of `steps` samples, begin with the same stored part of the memory."""
         second, third = (np.delete(self._held[lap * steps, 0], self.remembered) for lap in (1, 2))
         return bool((second == third).all())
 
@@ -118,7 +118,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return affine numbers of `space` as a `Response`: small unknowns and rests in its box, the others as columns."""
+    """Return affine numbers of `space` as a `Response`: large unknowns and β as columns, small ones in the box."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

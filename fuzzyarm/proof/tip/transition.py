@@ -25,7 +25,7 @@ _PARTS = 2  # of a period; in each, the first two moments of a disturbance are k
 
 
 class StateLayout:
-    """The index ranges of vectors of an arm with n joints and 2 or 3 tip axes; sizes in this module are for n = 2."""
+    """The index ranges `rows` in S ξ and `channels` in w; array sizes in this module are for 2 joints and 2 axes."""
 
     def __init__(self, joints: int, axes: int) -> None:
         def slices(names: str) -> SimpleNamespace:

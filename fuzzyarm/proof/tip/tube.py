@@ -35,11 +35,12 @@ _CIRCLES = 19  # circles of latitude of directions in space; the polyhedron is a
 def tip_bound(
     state: np.ndarray, deviations: Zonotope, plant: BallPlant, wanted: list[float]
 ) -> tuple[float, np.ndarray]:
-    """Return a bound on the tip error [m] at a sample, and the parts [m] from `SOURCES`, constants and centre.
+    """Return a bound on the tip error [m] at a sample, and the share [m] of each of `SOURCES`, constants and centre.
 
-    `state` (8,) is the centre's, with the link angles q_y; `wanted` is the tip's target p_r [m]. For q = q_y + δq,
-    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' the second derivative along the straight line to q. J δq,
-    with or without the centre's error p(q_y) - p_r, lies in a polygon or polyhedron whose faces have fixed directions.
+    `state` (8,) is the centre's, with the link angles q_y; `deviations` are the arm's from it; `wanted` is the tip's
+    target p_r [m]. For q = q_y + δq, |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' the second derivative
+    along the straight line to q. J δq, with or without the centre's error p(q_y) - p_r, lies in a polygon or polyhedron
+    whose faces have fixed directions.
     """
     physics, links = plant.physics, deviations.part(plant.layout.rows.link)
     angles, radius = [arb(x) for x in state[plant.layout.rows.link].tolist()], links.totals()
@@ -171,7 +172,7 @@ class _State:
 
     @property
     def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first fields of a `LapSet`: θ, q, θ̇, q̇ (8,), the memory (m,), and the torque that acts next (0 or 2,)."""
+        """The first three fields of a `LapSet`: θ, q, θ̇, q̇ (8,), memory (m,), next torque (2,) [N m] or (0,)."""
         return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
 
     def around(self) -> LapSet:
@@ -247,7 +248,6 @@ class Tube:
         return TubeStep(torque, tuple(segments), tuple(closed), self._tip, whole, sources)
 
     def _bound(self, k: int) -> tuple[float, np.ndarray]:
-        """Return `tip_bound` at the k-th sample."""
         wanted = self.problem.schedule.targets[k, : self._layout.axes].tolist()
         return tip_bound(self.state.centre, self.state.deviations, self.problem.plant, wanted)
 
@@ -303,7 +303,6 @@ class Tube:
         return closed
 
     def _shift(self, deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
-        """Widen deviations from the centre `before` so that they hold from `after` (8,), which differs by rounding."""
         deviations.box[: self._layout.states] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:
@@ -357,7 +356,7 @@ class Tube:
         return torque
 
     def _advance(self, start: Zonotope, closed: Closed) -> None:
-        """Advance the zonotope over a segment; `start` is its part for ξ (state, held torque) at the beginning."""
+        """Advance the deviations over a segment that begins with the zonotope `start` of ξ (state and held torque)."""
         z, solution, channels = self.state.deviations, closed.solution, self._layout.channels
         states, xi = self._layout.states, self._layout.states + self._layout.joints
         box = solution.growth @ (start.box + SLACK * start.totals())

@@ -63,7 +63,10 @@ class Zonotope:
         return np.asarray((others + np.abs(constants).sum(axis=1) + slack) * ROUND_UP)
 
     def tidy(self, box_source: int) -> None:
-        """Turn the box into columns from `box_source` at each `_BOX_EVERY`-th call, and merge old columns if many."""
+        """Turn the box into columns at each `_BOX_EVERY`-th call, and merge old columns if there are too many.
+
+        `box_source`, an index of `SOURCES`, is the source of the columns made from the box.
+        """
         self._age += 1
         if self._age % _BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)
@@ -83,7 +86,7 @@ class Zonotope:
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
     def condensed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return columns (s, n), fewer by merging small ones, and a box (s,) that enclose this set of x (s,)."""
+        """Return columns (s, n) and a box (s,) that enclose this set of x (s,); many small columns become s."""
         columns, totals = self.columns, self.totals()
         box = self.box + len(self.box) * SLACK * totals
         if columns.shape[1] <= _FEW + len(columns):
@@ -94,10 +97,7 @@ class Zonotope:
 
 
 def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return matrix (m, n) times columns (n, k), block by block.
-
-    For the whole product, numpy would start threads, which is far slower on a busy machine.
-    """
+    """Return matrix (m, n) times columns (n, k), block by block."""
     made = np.empty((len(matrix), columns.shape[1]))
     for block in _blocks(len(matrix), columns):
         np.matmul(matrix, columns[:, block], out=made[:, block])
@@ -122,7 +122,7 @@ def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return n columns (n, n) and a box (n,) that enclose the zonotope of many columns (n, k).
 
     Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
-    the rows are of one size, so that the row-by-row bound on |Qᵀ Z g| is not much larger than the columns' reach.
+    the rows are of one size.
     """
     units = np.abs(columns).sum(axis=1)
     units[units == 0.0] = 1.0
