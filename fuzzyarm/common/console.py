@@ -1,7 +1,7 @@
 """Output to the terminal: width, tables and progress bars of all commands.
 
 On a terminal a table has rules, and each word of a heading is on a line of its own. Digits are never cut: a table that
-is too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain
+is too wide is printed as several tables, one below the other, that repeat the first columns. In a pipe a table is plain
 columns of text. Progress is shown on standard error: a bar on a terminal, otherwise plain lines, the first after two
 seconds, then at growing intervals of up to a minute.
 
@@ -94,7 +94,7 @@ def escaped(text: str, *, lines: bool = False) -> str:
 
 
 def say(text: str, *, error: bool = False) -> None:
-    """Print `text` to standard error, or by default to standard output, wrapped at spaces if that is a terminal."""
+    """Print `text` to standard output, wrapped at spaces on a terminal; if `error`, to standard error."""
     if error:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)

@@ -32,7 +32,7 @@ class Film:
     def follow(self, time: float, vectors: np.ndarray, schedule: Schedule, ended: bool) -> None:
         """Add `vectors` (9, `Layout.longest`), in the order of `VECTORS`, at a time [s] to the trace.
 
-        In a window, draw a picture if a frame is due or the episode has `ended`.
+        In a window, draw a picture, with the path of `schedule`, if a frame is due or the episode has `ended`.
         """
         self._time = time
         self._trace.append(vectors)

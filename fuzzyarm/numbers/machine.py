@@ -69,7 +69,7 @@ class Call:
 class _Known:
     """The machine code of a kernel for arrays, constants and tables of certain shapes.
 
-    `apart` lists the distance, in numbers, between the rows of each array, then the number of rows of each table.
+    `apart` lists the distance between the rows of each array, in float64 values, then the number of rows of each table.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class _Known:
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
     def job(self, steps: int, places: Iterable[int]) -> bytes:
-        """Return the packed argument with which the machine code runs `steps` steps of all arms on data at `places`."""
+        """Return the packed argument for `steps` steps of the machine code on data at the addresses `places`."""
         return self._pack(0, self.arms, steps, *places, *self._apart)
 
     def run(

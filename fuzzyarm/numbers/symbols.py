@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region repeated `count` times. It turns numbers `inside` into `end`; the whole loop, `start` into `after`."""
+    """A region run `count` times. Each run turns numbers `inside` into `end`, the whole loop `start` into `after`."""
 
     count: Any
     region: Region

@@ -229,7 +229,7 @@ def arm_in_words(arm: AnyArm) -> str:
 def own_duration(policy: str, arm: AnyArm | None, path: str, points: GivenPath | None) -> float:
     """Return the duration [s] that `fuzzyarm evaluate` gives a motion along `points` or, if None, along `path`.
 
-    Without `arm`, it is that of the policy's arm.
+    `arm` None stands for the policy's own arm.
     """
     choice("path", path, _PATHS)
     arm = load_policy(without_guest(policy)[0], control_period=PERIOD, robot=arm).parameters

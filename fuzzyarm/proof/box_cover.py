@@ -210,7 +210,7 @@ class _Task:
 
 
 def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return both halves of each box (B, d, 2). The angle with the largest `weight` (d,) times width² is halved."""
+    """Return the halves (2 B, d, 2) of boxes (B, d, 2), cut at the angle with the largest `weight` (d,) · width²."""
     width = boxes[..., 1] - boxes[..., 0]
     axis = np.argmax(weight * width * width, axis=1)
     every = np.arange(len(boxes))

@@ -6,8 +6,8 @@ centre y(t), the radii ρ and the motors' friction plans of the file's tube. On 
 1. *Mean values.* ξ̇ = A ξ + b (a(t) π + w(t)), where A is the linearisation at the middle of the segment, a(t) are the
    torques of the constants along the centre, and |w| <= w̄ bounds the terms missing in A wherever |S ξ| <= ρ: defects of
    the centre, derivatives of the links' torques on the tube minus those in A, times ρ, products Δp ρ, and friction.
-2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by plan: HELD rests with a torque N without Γ_f below μ F(0); SLIP keeps its sign
-   on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all cases of Lemma 1; ANY is |Γ_f| <= μ F(0).
+2. *Friction* Γ_f ∈ -μ F(|v|) Sgn(v), by plan. HELD: v = 0, and the torque N without Γ_f is below μ F(0); SLIP: v keeps
+   its sign on the tube; MONOTONE uses Lemma 2 of the documentation, MIXED all cases of Lemma 1; ANY is |Γ_f| <= μ F(0).
 3. *First exit* (Lemma 3): with (1) and (2), |S ξ| <= ρ' < ρ on the segment.
 4. *Sample.* The law is linearised on the box of measured states; its remainder includes rounding and a guest's torque.
 5. *Every lap.* The end of a lap lies in the set in which the lap began.
@@ -334,7 +334,7 @@ class _ComputedTorque(_Law):
 
 
 class _Fuzzy(_Law):
-    """The fuzzy law: gains that depend on θ, times the errors (e, ė, x_I), plus u_ff corrected from θ_d to θ."""
+    """The fuzzy law: gains that depend on θ, times the errors (e, ė, x_I), plus u_ff, computed for θ instead of θ_d."""
 
     def __init__(self, document: dict[str, Any], duration: float) -> None:
         super().__init__({name: _read(value) for name, value in document["robot"].items()}, duration)
@@ -420,7 +420,7 @@ class _Motion:
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return f(*at(s), t) as lists of functions of s, for f = `linear`, exactly, and for each f in `others`."""
+        """Return f(*at(s), t) as lists of functions of s: of `linear` exactly, of each of `others` by interpolation."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -545,7 +545,7 @@ class _Friction:
 
 
 class _Tube:
-    """The tube of deviations. Iterating over it yields indices of control steps; `step` takes a step with an index."""
+    """The tube of deviations. Iterating over it yields the indices of control steps for which to call `step`."""
 
     def __init__(self, claim: _Claim) -> None:
         self._claim, name = claim, claim.law.removesuffix("-tip") + ".json"
@@ -573,7 +573,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield each control step's index; if laps = ever, repeat the last lap until it ends in its initial set."""
+        """Yield each control step's index; of endless laps, the last again until it ends in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -601,7 +601,7 @@ class _Tube:
         """Return whether the lap ends in its initial set; the next lap will begin in a set that contains this end.
 
         Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. `rest` is the next end less
-        c + C π + G g, by columns with the same tags. It equals B g' with |g'| <= 1 under Lemma 7 of the documentation.
+        c + C π + G g, by the columns that both have. It equals B g' with |g'| <= 1 under Lemma 7 of the documentation.
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
         point, G = np.array([*self._centre, *self._memory]), self._G[rows]
@@ -767,7 +767,7 @@ class _Tube:
         return arb_mat(A), arb_mat(b), arb_mat([row[:10] for row in rows]), arb_mat([row[10:] for row in rows])
 
     def _drives(self, along: Any, mass: Any, frictions: list[_Friction]) -> Any:
-        """Return level, slope (6, m) of lines for a(s); bounds (6,) on |(a - lines) π|, (2,) on what a π adds to N."""
+        """Return level, slope (6, m) of lines near a(s); bounds (6,) on |(a - lines) π|, (2,) on what a π adds to N."""
         p, m = self._plant, len(self._plant.column)
         level, slope, rest, sizes, made = np.zeros((6, m)), np.zeros((6, m)), np.zeros(6), np.zeros(2), []
         signals = {"stiffness": ("bend", 2, 1.0), "damping": ("rate", 2, 1.0)}

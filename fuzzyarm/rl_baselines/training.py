@@ -68,7 +68,7 @@ class Training:
         best: smallest score so far [mm], see `_ship`.
 
     Raises:
-        ValueError: a setting is refused, such as an unknown base or an action period that is no multiple of 1 ms.
+        ValueError: a setting is refused, such as an unknown base or an action period that is not a multiple of 1 ms.
         OSError: the arm's file cannot be read.
     """
 
@@ -99,8 +99,8 @@ class Training:
         rate of PPO, continues as if the new total had been set from the beginning.
 
         Raises:
-            CheckpointError: the checkpoint is missing, damaged, of another algorithm, arm or configuration, or does not
-                fit.
+            CheckpointError: the checkpoint is missing, damaged, of another algorithm, arm or configuration, or its
+                tensors have other shapes.
             ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)

@@ -279,8 +279,8 @@ class DesignProblem:
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
         """Return (Ψ_ijk + Ψ_jik)/2 for all pairs i <= j and all k or, if `letter` is "Phi", (Φ_ijk + Φ_jik)/2.
 
-        The stack (p N_e, rows, rows) is in SI units, with P, M, ... divided by c. `put` assembles a matrix from block
-        rows; `of` returns a variable or parameter itself, or its value.
+        The stack (p N_e, rows, rows), p the number of pairs, is in SI units, with P, M, ... divided by c. `put`
+        assembles a matrix from block rows; `of` returns a variable or parameter itself, or its value.
         """
         data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
         k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]

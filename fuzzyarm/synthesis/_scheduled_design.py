@@ -48,7 +48,7 @@ class ScheduledSpecification:
         rules: 1, 2, 4, 8 or 16, doubled by each premise; ignored if `premises` are given.
         alpha: decay rate [1/s]; None: see above.
         gamma: bound on the L2 gain [rad/(N m)], in Euclidean norms; None: the smallest for this `fastest_pole`.
-        fastest_pole: upper bound on the decay rate [1/s]; None: the smallest for this `gamma`.
+        fastest_pole: bound on the size of the closed loop's poles [1/s]; None: the smallest for this `gamma`.
 
     Raises:
         TypeError: a value is of the wrong type.

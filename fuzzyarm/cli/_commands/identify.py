@@ -143,7 +143,7 @@ def _logs(options: Options) -> list[Log]:
 
 
 def _identify(options: Options, start: AnyArm) -> int:
-    """Identify an arm from logs, print how the logs were processed and the results; return the exit code."""
+    """Identify an arm from logs, with `start` as first guess; print remarks and results, and return the exit code."""
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.envs.physics.equations import robot_of
     from fuzzyarm.envs.physics.parameters import ArmParameters

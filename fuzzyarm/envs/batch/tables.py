@@ -71,7 +71,7 @@ class Assignment:
 
     @property
     def own_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """For each lane's own scenario, its first episode's row in `own.starts` and `payload_place`, both (lanes,)."""
+        """Of each lane's own scenario: the first episode's row in `own.starts`, and the payload place; (lanes,)."""
         scenarios, places = self._own
         return self.own.firsts[scenarios], places
 

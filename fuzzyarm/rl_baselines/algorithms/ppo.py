@@ -214,7 +214,7 @@ class _PPOAlgorithm:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `state` returned; see `_Algorithm.set_state`."""
+        """Restore a state that the method `state` returned; see `_Algorithm.set_state`."""
         from fuzzyarm.rl_baselines._checkpoint import check_learner
 
         model, policy = self.model, self.model.policy
