@@ -58,13 +58,16 @@ def _flags(scalars: np.ndarray) -> np.ndarray:
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-    """Return `info` in SI units from vectors of `Layout.each`, scalars (10, lanes) and, if known, their `_flags`."""
+    """Return the entries of `info`, in SI units; `flagged` is `_flags(scalars)`, computed if None.
+
+    `vectors` has an array (lanes, length) per name in `VECTORS`, `scalars` (10, lanes) a row per name in `SCALARS`.
+    """
     clipped, _, terminated = _flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Return the entries and, for each key, the mask (lanes,) under ``_key``, as in Gymnasium's infos."""
+    """Return the entries and, for each key, such as ``tip``, the mask (lanes,) under ``_tip``, as Gymnasium does."""
     return {**entries, **{f"_{key}": mask for key in entries}}
 
 
@@ -73,7 +76,7 @@ def _partial_info(
 ) -> dict[str, Any]:
     """Return the info of the lanes in a mask (lanes,), in SI units; the rows of other lanes are zero.
 
-    `vectors` is a result of `Layout.each`, `scalars` is (10, lanes), and `drawn` has the episodes' draws by quantity.
+    `vectors` and `scalars` are as for `values`; `drawn` has the episodes' random draws by quantity.
     """
     which = np.flatnonzero(mask)
     info: dict[str, Any] = {name: _rows_of(which, rows) for name, rows in values(vectors, scalars).items()}
@@ -83,7 +86,6 @@ def _partial_info(
 
 
 def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return `rows` (lanes, ...) with the rows of all lanes except `which` (n,) set to zero."""
     some = np.zeros_like(rows)
     some[which] = rows[which]
     return some
@@ -106,7 +108,10 @@ def _final_info(
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return `final_obs`, `final_info` and their masks for lanes that `ended` (lanes,); `drawn`: in `_partial_info`."""
+    """Return the entries `final_obs` and `final_info` and their masks, for the lanes where `ended` (lanes,) is true.
+
+    `vectors` and `scalars` are as for `values`; `drawn` has the episodes' random draws by quantity.
+    """
     final_obs = np.empty(len(ended), dtype=object)  # filled with None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
@@ -307,7 +312,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._begun, self._over = True, over
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads that divide the lanes of a step among them."""
+        """End the threads that compute the steps, each for some of the lanes."""
         self.lanes.close()
 
     def __setstate__(self, state: dict[str, Any]) -> None:

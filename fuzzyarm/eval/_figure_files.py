@@ -29,7 +29,7 @@ def write_all(
 ) -> list[Path]:
     """Write ``<name>.png`` and ``<name>.svg`` of figures by name, each atomically; return their paths in that order.
 
-    Each is laid out once and drawn once for each format: `Figure.savefig` would draw it twice.
+    A figure is laid out once and then drawn once for each format; `Figure.savefig` would draw twice for each format.
     """
     paths = []
     with figure_style():

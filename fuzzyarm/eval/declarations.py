@@ -24,7 +24,7 @@ ROW = ("policy", *HEADINGS)
 def declarations_of(
     specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], arm: AnyArm, passes: int = 1
 ) -> dict[str, Declared | None]:
-    """Return by label what each loaded policy declares about itself, see `declared`; None: nothing."""
+    """Return each loaded policy's declaration by label, None without one; `arm` and `passes` are as for `declared`."""
     return {label: declared(spec, policies[label], passes, arm) for label, spec in specs.items()}
 
 
@@ -44,10 +44,10 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
 
 
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the names in `named` that match none of a file's `policies`, as user code or as a policy file's new path.
+    """Return the names in `named` that match none of the `policies` of a results file.
 
-    ValueError, with a message that begins with `place`, unless all user code among `policies` is `named`: a file alone
-    does not permit it to run.
+    User code matches the same code, a policy file one with the same label in any folder. ValueError, whose message
+    begins with `place`, unless `named` has all user code among `policies`: the file alone does not permit it to run.
     """
     specs = list(map(resolve, policies))
     code, labels = [spec.name for spec in specs if spec.kind is Kind.CODE], [spec.label for spec in specs]

@@ -51,7 +51,7 @@ class Engine:
     address: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
+        """Raise TypeError or ValueError if a value is not allowed."""
         choice("backend", self.backend, ("local", "ray"))
         if self.jobs is not None:
             whole("jobs", self.jobs, low=1)
@@ -71,10 +71,8 @@ class Engine:
         Workers know the cases, metrics and policies that were added by name in this process. Workers on this machine
         import the user's modules that `work` needs from their folders; a Ray cluster gets copies.
 
-        Args:
-            work: the function to run; it is pickled, and must give the same result in every worker.
-            numbers: its arguments, all different.
-            report: called with a line of text whenever a worker has died.
+        `work` is pickled and must give the same result in every worker; `numbers` are all different. `report` is called
+        with a line of text whenever a worker has died.
 
         Raises:
             WorkersLost: workers died three times without a result in between.
@@ -111,9 +109,9 @@ class Engine:
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
-        """Context of joblib's backend; Ray's workers get copies of `modules`.
+        """Context with joblib's backend; Ray's workers get copies of `modules`.
 
-        It yields the number of workers and the kinds of error if one dies.
+        It yields the number of workers (-1: one per core) and the exception classes raised if a worker dies.
         """
         from joblib import parallel_config
 
@@ -160,7 +158,7 @@ def _pickled(work: Callable[[int], Any]) -> bytes:
 
 
 def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
-    """Unpickle a function in a worker and return (number, function(number)); its modules may be in `paths`."""
+    """Unpickle a function in a worker, with `paths` on its import path, and return (number, function(number))."""
     sys.path += [path for path in paths if path not in sys.path]
     added, work = pickle.loads(content)
     Registry.adopt(added)

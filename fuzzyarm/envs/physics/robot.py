@@ -227,7 +227,7 @@ def _read_once(name: str) -> Robot:
 
 
 def _with_joint_name(message: str, content: dict[str, Any]) -> str:
-    """Return an error message that names a joint by its index in the file, ``joints[2]``, with its name added."""
+    """Return `message`; if it contains an index such as ``joints[2]``, begin it with that joint's name in `content`."""
     found = re.search(r"joints\[(\d+)\]", message)
     joints = content.get("joints")
     if not (found and isinstance(joints, list) and int(found[1]) < len(joints)):

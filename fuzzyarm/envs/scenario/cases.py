@@ -108,11 +108,7 @@ def with_loads(
 ) -> Case:
     """Return `case` with these loads and a title to match; None, or a load that the case lacks, changes nothing.
 
-    Args:
-        case: any case.
-        force: smallest and largest machining force [N].
-        payload: carried mass [kg].
-        duration: duration of the machining force [s].
+    `force`: smallest and largest machining force [N]; `duration`: that of the force [s]; `payload`: carried mass [kg].
     """
     loads, title = case.disturbance, case.title
     own_force, own_payload = loads.tip_force, loads.payload
@@ -170,5 +166,4 @@ def _leverages(robot: Robot) -> tuple[float, float, float]:
 
 
 def _scaled_number(factor: float, number: float) -> float:
-    """Return a load times a factor, to two digits; the load itself if the factor is 1 up to rounding."""
     return number if abs(factor - 1.0) < _SAME else float(f"{factor * number:.2g}")

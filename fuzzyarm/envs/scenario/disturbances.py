@@ -103,7 +103,7 @@ class TorqueBias:
 
 @dataclasses.dataclass(frozen=True)
 class EncoderNoise:
-    """White Gaussian noise on the measured motor angles [rad] and velocities [rad/s], as standard deviations."""
+    """Standard deviations of the white Gaussian noise on the measured motor angles [rad] and velocities [rad/s]."""
 
     position: float = quantity("rad", 0.0, low=0.0, high=math.inf)
     velocity: float = quantity("rad/s", 0.0, low=0.0, high=math.inf)
@@ -143,7 +143,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers as floats; if their count is not in `sizes`, a ValueError says that `name` must have two."""
+    """Return real numbers as floats; ValueError, which asks for `JOINTS` numbers, if their count is not in `sizes`."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 

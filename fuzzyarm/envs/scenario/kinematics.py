@@ -8,22 +8,21 @@ The posture that puts the tip on a point p solves one square system of equations
 
     f(q, p) = (P (x(q) - p), O log(R(q) R_0ᵀ), Nᵀ (q - q_0)) = 0,        A = ∂f/∂q = (P J_v, O J_ω, Nᵀ)
 
-x and R are position of the tip and rotation of the last link. P projects on the directions in which the tip can move
-(two for a planar robot, else three), O on the axes about which the last link can turn (one or three).
+x and R are the position of the tip and the rotation of the last link. P projects onto the directions in which the tip
+can move (two for a planar robot, else three), O onto the axes about which the last link can turn (one or three).
 
 - Orientation: if there are enough joints, the last link keeps its initial rotation R_0; otherwise, or if it may turn
   freely, O has no rows.
 - Redundancy: the columns of N span the joint motions that change neither of the first two parts of f at the first
   posture q_0. These motions stay zero, so that a closed path brings all joints back.
-- Branch: q follows the solution continuously from q_0; along the way, A must stay away from singular matrices.
+- Branch: q follows the solution continuously from q_0; along the way, A must not come close to a singular matrix.
 
-The default first posture is dexterous (Yoshikawa, 1985, with lengths in reaches), needs little torque, and is far from
-the joint limits:
+The default first posture is dexterous (Yoshikawa, 1985, with lengths divided by the robot's reach), needs little
+torque, and is far from the joint limits:
 
     home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²),   half ranges at most π
 
-A local search improves the `_IMPROVED` best of `_POSTURES` random postures. The best is rounded to `_ROUNDED` decimals,
-and thus the same on every machine.
+The best posture found is rounded to `_ROUNDED` decimals, and thus the same on every machine.
 """
 
 import functools
@@ -44,7 +43,7 @@ LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of
 
 
 def jacobian(now: Frames) -> np.ndarray:
-    """Return J (..., 6, n): three rows for the tip's velocity [m], then three for the last link's angular velocity."""
+    """Return J (..., 6, n) for frames `now`: three rows [m] for the tip's velocity, three [1] for the turning rate."""
     linear = np.cross(now.axes, now.tip[..., np.newaxis, :] - now.origin)
     return np.swapaxes(np.concatenate([linear, now.axes], axis=-1), -1, -2)
 
@@ -74,12 +73,12 @@ def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def reach(robot: Robot) -> float:
-    """Return an upper bound on the tip's distance from the first joint [m]: the summed distances between joints."""
+    """Return the sum [m] of `link_lengths`, an upper bound on the tip's distance from the first joint."""
     return float(np.sum(link_lengths(robot)))
 
 
 def link_lengths(robot: Robot) -> np.ndarray:
-    """Return the distances from joint to joint, the last one to the tip, (n,) [m]."""
+    """Return the distances (n,) [m] from each joint to the next, and from the last joint to the tip."""
     return np.asarray(np.linalg.norm([*robot.arrays.position[1:], robot.arrays.tip], axis=-1))
 
 
@@ -137,7 +136,7 @@ class TipTask:
         self.frozen: np.ndarray = np.linalg.svd(rows)[2][len(rows) :]
 
     def residual(self, now: Frames, q: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Return f(q, p) (..., n) [m, rad] at angles q (..., n), with frames `now`, for wanted tips p (..., 3) [m]."""
+        """Return the residual f(q, p) (..., n) [m, rad] at q (..., n), with frames `now` and points p (..., 3) [m]."""
         turned = _rotation_vector(now.rotation[..., -1, :, :] @ self.rotation.T) @ self.turning.T
         return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
 
@@ -148,7 +147,7 @@ class TipTask:
         return np.concatenate([rows, frozen], axis=-2)
 
     def refined(self, q: np.ndarray, point: np.ndarray, rounds: int) -> np.ndarray:
-        """Return angles (..., n) [rad] after this number of Newton steps q - A⁻¹ f for tip positions (..., 3) [m]."""
+        """Return angles (..., n) [rad]: `q` after `rounds` Newton steps for f(q, p) = 0, with points p (..., 3) [m]."""
         for _ in range(rounds):
             now = frames(self.robot, q)
             q = q - solved(self.matrix(now), self.residual(now, q, point))

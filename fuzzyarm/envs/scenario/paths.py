@@ -7,9 +7,8 @@ base frame; lines and splines take either, and `Placed` brings any plane curve i
 Circle, lemniscate, line and square can be chosen by name, for the paper's arm and in a plane for any other arm. A
 square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
 
-Each class raises TypeError for a value that is not a real number, or a path without a method ``points``; and ValueError
-for a number that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors
-at a right angle.
+Each class raises TypeError for a value of a wrong type; and ValueError for a number out of range, too few points,
+points that coincide, or axes that are not unit vectors at a right angle.
 """
 
 from __future__ import annotations
@@ -167,14 +166,14 @@ class Lemniscate:
 
 @dataclasses.dataclass(frozen=True)
 class Spline:
-    """The cubic spline through given points, s proportional to the summed chords; twice continuously differentiable.
+    """The twice continuously differentiable cubic spline through given points.
 
-    Open ends are "not-a-knot": two points give a line, three a parabola. A closed spline returns to the first point
-    with the same first and second derivative.
+    From each point to the next, s grows in proportion to their distance. Open ends are "not-a-knot": two points give
+    a line, three a parabola. A closed spline returns to the first point with the same first and second derivative.
 
     Attributes:
-        waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array of pairs or triples), neighbours
-            at least `_MINIMUM_SPACING` apart. A closed spline returns by itself: do not repeat the first point.
+        waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array), neighbours at least
+            `_MINIMUM_SPACING` apart. A closed spline returns by itself: do not repeat the first point.
         closed: whether the curve returns to its start.
     """
 
@@ -346,7 +345,7 @@ class Placed:
 
     @property
     def corners(self) -> np.ndarray:
-        """Return s where the second derivative of the plane curve has corners."""
+        """Return the values (k,) of s, listed by the plane curve, at which its second derivative has a kink."""
         return np.asarray(getattr(self.path, "corners", ()), dtype=float)
 
     @property

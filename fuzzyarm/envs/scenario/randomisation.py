@@ -48,14 +48,14 @@ class DomainRandomisation:
     """Ranges (low, high) of the uniform distributions of an episode; the defaults vary nothing.
 
     Attributes:
-        mass: factor of each link's mass and inertia, a draw per link.
-        motor_inertia: factor of each motor's inertia.
-        stiffness: factor of each joint's stiffness.
-        damping: factor of each joint's damping.
-        dry_friction: factor of each motor's static and Coulomb friction, one draw for both.
-        viscous_friction: factor of each motor's viscous friction.
+        mass: factor on each link's mass and inertia, one draw per link.
+        motor_inertia: factor on each motor's inertia.
+        stiffness: factor on each joint's stiffness.
+        damping: factor on each joint's damping.
+        dry_friction: factor on each motor's static and Coulomb friction, one draw for both.
+        viscous_friction: factor on each motor's viscous friction.
         payload: mass at the tip [kg], added to the case's own payload.
-        force: factor of the case's tip force, if the case has one.
+        force: factor on the case's tip force, if the case has one.
         angle: initial offset of each joint from the reference [rad].
         references: family from which each episode draws one, in place of the environment's reference; all must be for
             the arm's link lengths. Empty: no draw.

@@ -142,7 +142,7 @@ class PathReference(Reference):
     path: TipPath
 
     def checked_instants(self, size: int) -> np.ndarray:
-        """Check the duration and that points have `size` coordinates; return instants (k,) [s] for further checks."""
+        """Check T and that the path has points of `size` coordinates; return evenly spaced instants (k,) [s]."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
                 f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., "
@@ -170,8 +170,6 @@ class PathReference(Reference):
 @dataclasses.dataclass(frozen=True)
 class JointReference(PathReference):
     """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
-
-    All derivatives are analytic.
 
     Attributes:
         path: tip curve (`paths`).

@@ -97,13 +97,13 @@ class TipReference(PathReference):
         path: tip curve with points (..., 3) [m] in the base frame: `Line` and `Spline` of triples, or `Placed`.
         duration: T [s], 1e-6 to 1e6.
         robot: the robot.
-        posture: joint angles [rad] near which the first posture is sought; they determine the branch, such as an elbow
-            above or below, and the rotation of the last link. None: `kinematics.home_posture`.
+        posture: joint angles [rad] near which the first posture is sought; they determine the branch, such as elbow up
+            or down, and the rotation of the last link. None: `kinematics.home_posture`.
         orientation: ``"constant"``, the last link keeps its rotation if the robot has enough joints (six in space,
             three in a plane); or ``"free"``.
 
     Raises:
-        ValueError: a value is out of range; or the path cannot be followed: it begins out of reach, leaves the reach,
+        ValueError: a value is out of range; or the path cannot be followed: it is not entirely within reach,
             comes too close to a singular posture (`_SHARPEST`), or exceeds an angle or velocity limit of a joint. The
             message states when, where, at which joint, by how much, and what to change.
     """
@@ -189,7 +189,10 @@ class TipReference(PathReference):
         return solved(self._task.matrix(frames(self.robot, q)), self._task.moved(tangent))
 
     def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Return the posture (n,) with the tip at `point` (3,), sought from `before` + `step`; errors name step k."""
+        """Return posture k (n,), with the tip at `point` (3,) [m]; ValueError if Newton's method finds none.
+
+        The search starts at the previous posture `before` plus `step`.
+        """
         q = before + step
         for _ in range(_TRIES):
             with np.errstate(all="ignore"):

@@ -66,7 +66,7 @@ class Entry:
 
 
 def single_entries() -> list[Entry]:
-    """Return the entries that step one environment of `gymnasium.make`, this project's and its peers'."""
+    """Return the entries that step a single environment made by `gymnasium.make`: this project's, or a peer."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "Reacher-v5")):
@@ -155,7 +155,7 @@ def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: f
 
 @contextlib.contextmanager
 def _single_environment(name: str, scale: float) -> Iterator[Measure]:
-    """Open an environment and yield its measuring function; random actions fill its action space times `scale`."""
+    """Open an environment and yield its measuring function; actions are drawn from `scale` times its action space."""
     with contextlib.closing(gym.make(name)) as env:
         actions = list(_draw_actions(env.action_space, 64, (), scale))
         env.reset(seed=0)

@@ -63,7 +63,7 @@ class BenchConfig:
             )
 
     def groups(self) -> dict[str, list[Entry]]:
-        """Return the entries of the table by heading; those under one heading are measured in turns."""
+        """Return the entries of the table by heading; those under one heading are measured alternately."""
         batches = {f"{lanes} lanes": entries.batch_entries(lanes, self.threads) for lanes in self.lanes}
         return {"one environment": entries.single_entries()} | batches | entries.sweep_entries()
 
@@ -80,7 +80,7 @@ class BenchConfig:
         }
 
     def turns(self) -> int:
-        """Return how often `run_bench` calls `progress`: in each warm-up and round of each entry, and a few more."""
+        """Return how often `run_bench` calls `progress`: per round or warm-up of entries, per group, and for memory."""
         groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
         return sum(len(group) * (self.rounds + 1) + 1 for group in groups) + 1
 
@@ -124,7 +124,7 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
 def _race(
     name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None] = lambda _: None
 ) -> list[dict[str, Any]]:
-    """Measure the entries of a group in turns, each once in every round, and return a row of the document for each.
+    """Measure the entries of the group `name` one after another in each round; return a row of the document for each.
 
     The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
     than a round slows both. A turn takes `seconds` [s]; `progress` is called before each turn with a description.

@@ -64,7 +64,7 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
 
 
 def _spread(values: dict[str, float], scale: float = 1.0) -> str:
-    """Return "median (q1-q3)" of values times `scale`, with decimals for three digits of the median."""
+    """Return "median (q1-q3)", with the quartiles, of values times `scale`; the median has at least three digits."""
     scaled = [scale * values[key] for key in ("median", "q1", "q3")]
     decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
     median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)
@@ -72,7 +72,7 @@ def _spread(values: dict[str, float], scale: float = 1.0) -> str:
 
 
 def draw_throughput(document: dict[str, Any]) -> Figure:
-    """Return the figure of steps per second over the number of lanes: medians and quartiles, on logarithmic axes."""
+    """Return the figure of steps per second against the number of lanes: medians and quartiles, on logarithmic axes."""
     curves: dict[str, list[tuple[int, dict[str, float]]]] = {}
     for row in document["sweep"]:
         if row["steps_per_s"]:

@@ -57,7 +57,10 @@ def record(policy: Predictor, condition: Condition, count: int, seed: int, noise
 
 
 def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise: float) -> Iterator[_Episode]:
-    """Yield one episode per lane; lane i is reset with seed + i; the torques' noise is `noise` times their limits."""
+    """Yield one episode per lane; lane i is reset with seed + i.
+
+    The torques carry Gaussian noise, whose standard deviation is `noise` times their limits.
+    """
     envs, generator = FuzzyArmVectorEnv(lanes, **CONDITIONS[condition], threads=1), np.random.default_rng([seed, lanes])
     intended, actions = list[np.ndarray](), list[np.ndarray]()
 

@@ -1,7 +1,6 @@
 """Tip errors of many episodes in one kernel, which computes the law, the torque limits, the delay and the plant.
 
-The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, bit for bit. A group of lanes does all its steps before
-the next group begins, so that its data stay in the cache. The policy must have a `fuzzy_policy.law`.
+The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, bit for bit. The policy must have a `fuzzy_policy.law`.
 """
 
 import functools
@@ -54,8 +53,8 @@ class _Scalars(NamedTuple):
 def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
     """Run the episodes that have just begun in all lanes to their ends and return their tip errors.
 
-    `lanes` is not changed. `observation` (lanes, 5 n) is the first reading of the law's policy. None: a torque was not
-    finite, which `loop.episodes` refuses with an error.
+    `lanes` is not changed. `policy` acts by `law`, through `channel`, and first observes `observation` (lanes, 5 n)
+    of n joints. The result is None if a torque is not finite.
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None

@@ -62,7 +62,7 @@ class Rollout:
 
     @property
     def believed(self) -> dict[str, np.ndarray]:
-        """The columns of `beliefs`, each (n,), by name."""
+        """The columns of `beliefs` by name, each (n,) for n control steps."""
         return dict(zip(self.belief_names, self.beliefs.T, strict=True))
 
 
@@ -106,8 +106,8 @@ def record_passes(
 ) -> list[Rollout]:
     """Run several passes of an episode of `env` and record each; pass j, from 0, begins at ``reset(seed=seed + j)``.
 
-    A policy that learns from pass to pass has a method `repeated`. Without it, or if it returns None, all passes are
-    run alike.
+    A policy that learns from pass to pass has a method `repeated`, which returns the policy that runs all passes.
+    Without this method, or if it returns None, every pass begins afresh.
     """
     repeated = getattr(policy, "repeated", lambda: None)()
     runs, memory = list[Rollout](), None
@@ -149,13 +149,9 @@ def run_episode(
 ) -> Rollout:
     """Run one episode of a policy and record it.
 
-    Args:
-        policy: an argument of `load_policy`, or an object with `predict`.
-        case: name of the case.
-        seed: seed of the episode.
-        robot: the arm of both the environment and the policy; None for the arm of Table 1.
-        control_period: time between two actions [s].
-        environment: further arguments of `FuzzyArmEnv`.
+    `policy` is an argument of `load_policy`, or an object with `predict`; `robot` is the arm of both environment and
+    policy, None for the arm of Table 1. `control_period` is the time between two actions [s]; `environment` has
+    further arguments of `FuzzyArmEnv`.
 
     Raises:
         ValueError: a name is unknown, or policy and robot do not fit together.
@@ -176,7 +172,7 @@ def run_episode(
 
 
 def _domain_use(signals: Mapping[str, np.ndarray], arm: AnyArm) -> np.ndarray:
-    """Return the fraction (n,) of the joint box (25) in use: the largest over all joint angles and velocities."""
+    """Return the used share (n,) of the joint box, eq. (25), in n steps: the largest over all angles and velocities."""
     low, high, velocity, _ = bounds_of(arm)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     shares = [

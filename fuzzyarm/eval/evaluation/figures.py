@@ -1,7 +1,7 @@
-"""Figures 2-10 of the paper for any policies, and the overview.
+"""Figures 2-10 of the paper for any policies, and an overview of the errors in all cases.
 
-Every figure over time is a grid with a row per `_Panel` and a column per case. The path of the tip is seen in the plane
-of the two-joint arm, or face-on where it lies in space.
+Every figure over time is a grid with a row per `_Panel` and a column per case. The path of the tip is drawn in the
+plane of the two-joint arm; a path in space, in the plane closest to it.
 """
 
 import dataclasses
@@ -42,7 +42,10 @@ class _View:
 
 
 def _view_of(reference: np.ndarray) -> _View:
-    """Return the view of a path (n, 2 or 3) [m]; a path in space is seen face-on, with z as far up as possible."""
+    """Return the view of a path (n, 2 or 3) [m].
+
+    A path in space is projected onto the plane closest to it, with z upwards, or x downwards if that plane is level.
+    """
     if reference.shape[-1] == _PLANE:
         return _View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
     _, _, directions = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=True)
@@ -140,11 +143,8 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``; return the paths in that order.
 
-    Args:
-        rollouts: episodes of any cases and policies.
-        folder: an existing folder; files with the same names are replaced.
-        progress: called after each figure.
-        titles: titles of the cases by name; None: those of the two-joint arm.
+    In the existing `folder`, files with the same names are replaced; `progress` is called after each figure. `titles`
+    are those of the cases by name; None: those of the two-joint arm.
 
     Raises:
         ValueError: there are no rollouts.
@@ -215,7 +215,10 @@ def _time_figure(columns: _Columns, panels: Sequence[_Panel], styles: _Styles) -
 
 
 def _limits(columns: _Columns, panels: Sequence[_Panel]) -> _Limits:
-    """Return the axis limits (low, high), with a margin, for `panels` in all columns, ignoring errors off the scale."""
+    """Return the axis limits (low, high), with a margin, for `panels` in all columns.
+
+    Errors with a peak above `_FOCUS` times that of the best policy are ignored.
+    """
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
         best = max(_SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))

@@ -206,7 +206,7 @@ def shown(score: MeanInterval) -> str:
 
 
 def print_leaderboard(board: Leaderboard, console: Console, *, declared: bool = False) -> None:
-    """Print the table and its notes, and with `declared` what the policies declare."""
+    """Print the table and its notes; if `declared`, print what each policy declares about itself."""
     board.sheet.print(console)
     print_paragraphs(console, [board.notes])
     if declared:
@@ -230,7 +230,10 @@ def document(board: Leaderboard) -> dict[str, Any]:
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return rows of cells with the headings `ROW`, one per declaration, with its file if its policy has several."""
+    """Return rows of cells under the headings `ROW`, one for each declaration of a policy.
+
+    If there are several, the first cell also names the results file.
+    """
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [

@@ -47,9 +47,9 @@ def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the cell of `metrics` under one heading, over several seeds.
+    """Return the cell of `metrics` under one heading; with several seeds, medians with ranges.
 
-    If they are a metric of one joint, the cell has the numbers of all joints, as in [0.1, 0.2].
+    For a metric of one joint, the cell has the numbers of all joints, as in [0.1, 0.2].
     """
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
@@ -133,7 +133,7 @@ def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[st
 
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
-    """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
+    """Print the largest tip error of each pass, in one line per case and policy; with several seeds, the median."""
     numbers = range(1, passes + 1)
     cells = [
         [

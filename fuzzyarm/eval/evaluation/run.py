@@ -1,4 +1,4 @@
-"""Policies x cases x seeds -> rollouts, one row of metrics each, and files."""
+"""Run every policy in every case with every seed, and write the results."""
 
 import dataclasses
 import json
@@ -256,7 +256,7 @@ def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:
 
 
 def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
-    """Return a policy for the arm of a configuration; ValueError if it does not support the robot."""
+    """Return the policy of `spec` for the arm of `config`; ValueError, naming `label`, if it supports no such arm."""
     arm: Any = config.arm
     try:
         return spec.load(config.control_period, arm)
