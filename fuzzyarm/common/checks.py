@@ -62,11 +62,13 @@ def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> in
     return number
 
 
-def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -> tuple[float, ...]:
-    """Return `count` finite real numbers as a tuple of floats; `bounds` as for `real`."""
-    if not is_sequence(values, count):
+def reals(name: str, values: Any, count: int | range, unit: str = "", **bounds: float) -> tuple[float, ...]:
+    """Return `count` (or a number within it) finite real numbers as a tuple of floats; `bounds` as for `real`."""
+    counts = count if isinstance(count, range) else (count,)
+    if not any(is_sequence(values, size) for size in counts):
         kind = ValueError if _is_sequence(values) else TypeError
-        needed = f"must be {count} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
+        size = f"{count}" if isinstance(count, int) else f"{count[0]} to {count[-1]}"
+        needed = f"must be {size} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
         raise kind(f"{name} = {shown(values)} {needed}")
     return tuple(real(f"{name}[{k}]", value, unit, **bounds) for k, value in enumerate(values))
 

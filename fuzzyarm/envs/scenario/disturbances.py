@@ -3,15 +3,13 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Collection
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import LARGEST, keep_quantities, quantity
-from fuzzyarm.envs.physics.records import JOINTS
 from fuzzyarm.envs.physics.robot import MOST_JOINTS
 
 __all__ = ["ConstantForce", "Disturbance", "EncoderNoise", "MachiningForce", "TipForce", "TorqueBias"]
@@ -73,7 +71,9 @@ class ConstantForce:
     stop: float = math.inf
 
     def __post_init__(self) -> None:
-        checks.keep(self, "force", _numbers("ConstantForce.force", self.force, (2, 3), "N"))
+        checks.keep(
+            self, "force", checks.reals("ConstantForce.force", self.force, range(2, 4), "N", low=-LARGEST, high=LARGEST)
+        )
         _keep_interval(self)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
@@ -93,7 +93,9 @@ class TorqueBias:
     stop: float = math.inf
 
     def __post_init__(self) -> None:
-        checks.keep(self, "torque", _numbers("TorqueBias.torque", self.torque, range(1, MOST_JOINTS + 1), "N m"))
+        counts = range(1, MOST_JOINTS + 1)
+        torque = checks.reals("TorqueBias.torque", self.torque, counts, "N m", low=-LARGEST, high=LARGEST)
+        checks.keep(self, "torque", torque)
         _keep_interval(self)
 
     def at(self, time: np.ndarray) -> np.ndarray:
@@ -140,12 +142,6 @@ class Disturbance:
             raise ValueError(
                 f"Disturbance.tip_force = {checks.shown(self.tip_force)} must have a method at(time, tip_velocity)"
             )
-
-
-def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers as floats; ValueError, which asks for `JOINTS` numbers, if their count is not in `sizes`."""
-    count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
-    return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 
 
 def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, stop: float) -> np.ndarray:

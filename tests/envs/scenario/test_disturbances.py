@@ -191,9 +191,9 @@ def test_a_bias_holds_over_the_steps_whose_middle_it_covers(start, first):
 
 WRONG = [
     (MachiningForce, {"fade_speed": -0.1}, r"MachiningForce\.fade_speed = -0\.1 .*\[1e-12, 1e\+12\]"),
-    (ConstantForce, {"force": (1.0,) * 4}, r"ConstantForce\.force = .* must be 2 real numbers"),
+    (ConstantForce, {"force": (1.0,) * 4}, r"ConstantForce\.force = .* must be 2 to 3 real numbers"),
     (ConstantForce, {"force": FORCE, "start": 1.0, "stop": 1.0}, r"ConstantForce: .*stop = 1\.0.*0 <= start < stop"),
-    (TorqueBias, {"torque": (1.0,) * 13}, r"TorqueBias\.torque = .* must be 2 real numbers"),
+    (TorqueBias, {"torque": (1.0,) * 13}, r"TorqueBias\.torque = .* must be 1 to 12 real numbers"),
     (TorqueBias, {"torque": BIAS, "stop": math.nan}, r"TorqueBias: .*stop = nan.*0 <= start < stop"),
     (Payload, {"mass": 1.0, "at": "elbow"}, "payload at = 'elbow' .*choose from: tip, link"),
 ]
