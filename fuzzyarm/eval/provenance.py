@@ -28,7 +28,7 @@ def current_provenance() -> dict[str, Any]:
 
 
 def made_now(command: str | None) -> dict[str, Any]:
-    """Return command, date and `current_provenance`: the beginning of a results document."""
+    """Return the beginning of a results document: its `command` line, if any, the date, and `current_provenance`."""
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return {"command": command, "date": now, **current_provenance()}
 

@@ -65,12 +65,9 @@ class _HeldOut:
 class _Score:
     """The results of a policy on the held-out set.
 
-    Attributes:
-        S: (episodes,) the mean defined in the module's docstring.
-        rms: (episodes,) root mean square tip error until the end [m].
-        rate: (episodes,) root mean square rate of the torque [N m/s].
-        lost: (episodes,) booleans: the tip error exceeded R at some instant, or the episode ended early.
-        saturated: share of all steps with a motor at its torque limit.
+    Arrays (episodes,): `S` is the mean defined in the module's docstring, `rms` the root mean square tip error until
+    the end [m], `rate` the root mean square rate of the torque [N m/s], and `lost` whether the tip error exceeded R at
+    some instant or the episode ended early. `saturated` is the share of all steps with a motor at its torque limit.
     """
 
     S: np.ndarray
@@ -184,7 +181,7 @@ def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) ->
 
 
 def print_scores(document: Mapping[str, Any], console: Console) -> None:
-    """Print the document of `scores` as a table, and for several policies their mean and their lowest score N."""
+    """Print the document of `scores` as a table and, for several policies, the mean and the lowest of the scores N."""
     table = []
     for name, one in [*document["policies"].items(), *document["anchors"].items()]:
         rms = (f"{value:.3g}" for value in one["rms_mm"].values())

@@ -23,8 +23,8 @@ class PaperNumber:
 
     Our value may drift from the stored one by relative * |stored| + absolute. Numbers that need no simulation agree on
     all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: a
-    change of the gains by a relative 1e-6 changes them by up to 1e-4, most by less than 1e-5. Their relative tolerance
-    is 1e-3, and lengths also have an absolute one of a micrometre. The bisection of γ stops at 1 %; it has 0.02.
+    change of the gains by a relative 1e-6 changes them by up to 1e-4. Their relative tolerance is 1e-3, and lengths
+    also have an absolute one of a micrometre. The relative tolerance of γ is 0.02, as its bisection stops at 1 %.
     """
 
     key: str  # name of the claim in the files

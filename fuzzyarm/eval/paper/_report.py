@@ -56,7 +56,7 @@ def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path)
 
 @dataclasses.dataclass(frozen=True)
 class _Value:
-    """A number of a claim, measured now and stored; as text, its name, both values and the allowed difference."""
+    """One number of a claim: the stored value and the value measured now; its text also has the allowed difference."""
 
     claim: PaperNumber
     label: str
@@ -108,7 +108,7 @@ class _Values:
         return [value for value in self.values if value.drifted]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain data for JSON."""
+        """Return the claims with their measured and stored numbers as plain data for JSON."""
         claims = {
             claim.key: dataclasses.asdict(claim)
             | {"tolerance": dict(zip(("relative", "absolute"), claim.tolerance, strict=True)), "values": []}
@@ -140,7 +140,7 @@ _LEGEND = (
 
 
 def _outcome(comparison: _Values) -> list[str]:
-    """Return two sentences: how many numbers drifted, which sets the exit code, and how many agree with the paper."""
+    """Return two sentences: how many numbers have drifted from the stored ones, and how many agree with the paper."""
     judged = [value for value in comparison.values if value.agrees is not None]
     others = dict.fromkeys(value.claim.key for value in judged if not value.agrees)
     return [

@@ -89,8 +89,8 @@ class Evidence:
     """The data behind the claims, and their measures: methods that return values by label.
 
     A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
-    controller. `smallest_gamma` has the smallest γ, to 1 %, at which the controller "printed-4" is proven with its own
-    P, Q, X, τ and M and the feedforward gains L of each of two others. With its own L it is proven at γ = 1000.
+    controller. `smallest_gamma` has the smallest γ, to 1 %, at which "printed-4" is proven with its own P, Q, X, τ and
+    M and the feedforward gains L of each of two other controllers. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion
@@ -112,7 +112,7 @@ class Evidence:
     # Measures of the reference and of the cases.
 
     def tip_speed(self) -> dict[str, float]:
-        """Return the largest speed |ṗ| of the tip on the reference [m/s], by "reference"."""
+        """Return {"reference": the largest speed |ṗ| [m/s] of the tip along the reference}."""
         velocity = self.reference.tip(self._time).velocity
         return {"reference": float(np.linalg.norm(velocity, axis=-1).max())}
 
@@ -134,7 +134,10 @@ class Evidence:
         return {"smallest": float(size.min()), "largest": float(size.max())}
 
     def payload(self, label: str) -> dict[str, float]:
-        """Return the carried mass of Case 3, in kg if `label` is "payload", else as a percentage of m_2."""
+        """Return the mass carried in Case 3, under one key.
+
+        If `label` is "payload", the key is "payload" and the unit kg; otherwise "of m_2" and a percentage of m_2.
+        """
         mass = CASES["payload"].disturbance.payload.mass
         share = 100.0 * mass / self.reference.parameters.mass[1]
         return {"payload": mass} if label == "payload" else {"of m_2": share}
@@ -142,7 +145,10 @@ class Evidence:
     # Measures of the inequalities and of their solutions.
 
     def fewest_rules(self) -> dict[str, float]:
-        """Return the "fewest rules" for which Theorem 2 is proven (0: none), and the number of proven files."""
+        """Return, under "fewest rules", the fewest rules for which Theorem 2 is proven (0: none).
+
+        The other entry is the number of controller files that prove it; its key says out of how many.
+        """
         proven = [self.witnesses[name].model.rules for name in _WITNESSES if name in self.proven]
         return {"fewest rules": min(proven, default=0), f"proven of {len(_WITNESSES)} witnesses": len(proven)}
 
@@ -161,15 +167,15 @@ class Evidence:
         return result
 
     def largest_gain(self, columns: str) -> dict[str, float]:
-        """Return, by printed controller, the largest |entry| of [K H] in `columns`: POSITION, VELOCITY or INTEGRAL."""
+        """Return the largest |entry| of [K H] in POSITION, VELOCITY or INTEGRAL columns, by key of the printed form."""
         return {key: _peak(one.gains[..., getattr(ts_model, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:
-        """Return the largest |entry| of L of the printed controllers and "printed-4-swapped", which has another L."""
+        """Return the largest |entry| of L under each of the keys "printed-32", "printed-4" and "printed-4-swapped"."""
         return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, _SWAPPED)}
 
     def gamma_with(self) -> Mapping[str, float]:
-        """Return the smallest γ [1] at which "printed-4" is proven with another L, for each of two such L."""
+        """Return the smallest γ [1] at which "printed-4" is proven with another feedforward gain L, by name of L."""
         return self.smallest_gamma
 
     def decay_rate(self) -> dict[str, float]:
@@ -177,7 +183,7 @@ class Evidence:
         return {key: self.controllers[key].alpha for key in _SOURCES}
 
     def weight(self) -> dict[str, float]:
-        """Return the diagonal of Q, which both printed forms share, by entry: Q11, Q22, ..."""
+        """Return the diagonal of Q, the same for "printed-32" and "printed-4", by entry: Q11, Q22, ..."""
         first, second = (controller.weight for controller in self._printed.values())
         assert first is not None and second is not None and (first == second).all()
         return {f"Q{number}{number}": float(entry) for number, entry in enumerate(first, start=1)}
@@ -208,12 +214,12 @@ class Evidence:
         return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
 
     def worst_case(self, side: str) -> dict[str, float]:
-        """Return, by controller, the ratio of largest circularity errors in Cases 2 and 3; `side`: tip or motors."""
+        """Return, by controller, the largest circularity error in Case 2 over that in Case 3; `side`: tip or motors."""
         second, third = (self.circularity(case, side, "largest") for case in ("machining", "payload"))
         return {key: second[key] / third[key] for key in TITLES}
 
     def rule_difference(self) -> dict[str, float]:
-        """Return, by form and case, the largest gap [mm] over time between tip circularity errors of 32 and 4 rules."""
+        """Return, by form and case, the largest gap [mm] over time in tip circularity error between 32 and 4 rules."""
         result = {}
         for form in FORMS:
             for number, case in enumerate(PAPER_CASES, start=1):
@@ -223,11 +229,11 @@ class Evidence:
         return result
 
     def peak_torque(self, joint: str) -> dict[str, float]:
-        """Return the largest |Γ| of a joint, counted from 1, in Case 1 [N m]."""
+        """Return, by controller, the largest |Γ| [N m] of the joint "1" or "2" in Case 1."""
         return {key: _peak(self.rollouts[key, "nominal"].torque[:, int(joint) - 1]) for key in TITLES}
 
     def shortest_episode(self) -> dict[str, float]:
-        """Return by controller the duration [s] of its shortest episode, cut short if the arm leaves the box (25)."""
+        """Return the duration [s] of each controller's shortest episode, cut short if the arm leaves the box (25)."""
         return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
     def feedforward_at_rest(self) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Figures 2-10 of the paper, recomputed: left with its theorems as printed, right in our consistent form.
+"""Figures 2-10 of the paper, recomputed: left, with its theorems as printed; right, in our consistent form.
 
 Only the text of the paper was available, not its figures. The axes follow from the captions and section 6.2. Ranges
 that the text states are drawn as grey bands. As in the paper, dotted blue means 32 rules or joint 1, and solid red
@@ -156,7 +156,10 @@ def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signa
 
 
 def _grid(number: int, title: str, size: tuple[float, float], rows: int, **shared: Any) -> tuple[Figure, np.ndarray]:
-    """Return Fig. `number` and axes (rows, columns), a titled column for each of `FORMS`; `subplots` takes `shared`."""
+    """Return Fig. `number` with the heading `title`, and its axes (rows, columns).
+
+    Each of the `FORMS` has a column with its own heading. `shared` is passed to `subplots`.
+    """
     two_scales = ", each column to its own scale" if shared.get("sharey") == "col" else ""
     figure = Figure(figsize=size)
     figure.suptitle(f"Fig. {number}: {title}{two_scales}", x=0.01, ha="left", fontweight="bold")

@@ -132,7 +132,10 @@ def _truth(part: str, loads: Disturbance, time: float) -> str:
 
 
 def _with_deviation(value: float, deviation: float) -> str:
-    """Return a number and its standard deviation, with two digits of the deviation."""
+    """Return the text "value ± deviation", or "none" if a number is not finite.
+
+    Both numbers have as many decimals as two digits of the deviation need, at most four.
+    """
     if not (math.isfinite(value) and math.isfinite(deviation)):
         return "none"
     digits = min(max(1 - math.floor(math.log10(deviation)), 0), 4) if deviation > 0.0 else 4

@@ -71,7 +71,10 @@ def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
 
 
 def _range(runs: Sequence[Rollout]) -> np.ndarray:
-    """Return the smallest and largest tip error (n, 2) [m] at the n samples of the first run, over runs still going."""
+    """Return the smallest and largest tip error (n, 2) [m] at the n samples of the first run.
+
+    Runs that have ended before a sample are left out there.
+    """
     errors = np.full((len(runs), len(runs[0].time)), np.nan)
     for row, run in zip(errors, runs, strict=True):
         shared = min(len(row), len(run.time))

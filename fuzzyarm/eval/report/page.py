@@ -106,7 +106,10 @@ def _security_policy(style: str, script: str) -> str:
 
 
 def _notes(stored: Evaluation, stride: int) -> dict[str, str]:
-    """Return the line below the title and the notes below replay, charts and table, by their name in ``page.html``."""
+    """Return the line below the title and the notes below replay, charts and table, by placeholder in ``page.html``.
+
+    The page shows every `stride`-th sample and the last of each episode.
+    """
     config, made, several = stored.config, stored.made_with, stored.config.seeds > 1
     samples = "every sample" if stride == 1 else f"one sample in {stride} and the last of each episode"
     return {

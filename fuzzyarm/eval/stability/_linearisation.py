@@ -4,10 +4,9 @@ At a posture of the path the reference is held fixed and dry friction is removed
 equilibrium is found by Newton's method.
 
 The plant may carry a payload unknown to the policy. A policy with a model of dry friction, such as an observer, is
-linearised without that model, see ``Policy.without_dry_friction()``.
+linearised without that model.
 
-The result is local. It compares policies and proves nothing about the moving arm; proofs, with their own margins, are
-in `fuzzyarm.proof`.
+The result is local. It compares policies and proves nothing about the moving arm.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -71,8 +70,7 @@ class GainLimits(NamedTuple):
 class LocalLoop:
     """The loop of the module's equation at one posture, with n plant states, r torques and m entries of memory.
 
-    Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
-    which says nothing about the arm.
+    Memory that the torque never reads is left out: an integral without a gain would add the eigenvalue 1.
     """
 
     plant: np.ndarray  # [A B], (n, n + r)
@@ -260,9 +258,9 @@ class _FrozenArm:
         self.q_motor, self.dq_motor = at.motor, at.motor_velocity
 
     def start(self) -> np.ndarray:
-        """Return a first guess: the arm at the posture, the memory after one call.
+        """Return a first guess of the equilibrium: the arm at the posture, the memory after one call.
 
-        If a torque is clipped there, the guess is `settled` from it.
+        If a torque is clipped there, return the point that the loop reaches `_SETTLING` periods later.
         """
         posture = self.reference[: self.joints]
         plant = np.concatenate([posture, posture, np.zeros(self.states - 2 * self.joints)])
@@ -314,7 +312,8 @@ class _FrozenArm:
     def _act(self, points: np.ndarray, moved: np.ndarray | float = 0.0) -> np.ndarray:
         """Return torques and next memory (lanes, r + m) at points (lanes, n + m).
 
-        Points without memory (lanes, n) begin an episode; `moved` (lanes, 3 r) shifts the held reference.
+        The plant has n states and r joints, the memory m entries. Points without memory (lanes, n) begin an episode.
+        `moved` (lanes, 3 r) is added to the held reference.
         """
         reference = np.tile(self.reference, (len(points), 1)) + moved
         observation = np.hstack([points[:, self.q_motor], points[:, self.dq_motor], reference])
@@ -348,8 +347,8 @@ def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray
 def remark_on(name: str, policy: Any, arm: AnyArm, period: float, share: float) -> str | None:
     """Return a line on a policy if a motor is often at its torque limit or its loop is unstable at rest, else None.
 
-    The loop is linearised at rest, in postures of the default path of `arm`, plant and model of the policy. `period` is
-    the control period [s], `share` [1] that of the steps with a motor at its torque limit.
+    The loop is linearised at rest, in postures of the default path of `arm`, which the policy knows. `period` is the
+    control period [s], `share` [1] the share of the steps with a motor at its torque limit.
     """
     limited = f"a motor is at its torque limit in {100.0 * share:.0f} % of the steps; " if share > _LONG else ""
     try:

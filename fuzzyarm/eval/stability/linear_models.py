@@ -1,14 +1,14 @@
 """The matrices of `fuzzyarm linearise`: plant, open and closed loop of a policy at one posture, as files and figures.
 
-With the deviations x of the plant's states, s of the policy's memory, u of the torques and r of the reference angles,
-over one control period (see `_linearisation`),
+With the deviations x of the plant's states, s of the policy's memory, u of the torques, r of the reference angles, q_a
+of the motor angles and q_b of the link angles, and with the outputs y, over one control period,
 
     plant       x⁺ = A x + B u,                               y = (q_a, q̇_a);
     open loop   (x, s)⁺ = [A 0; G F] (x, s) + [B; 0] u,       y = -(D x + C s), broken at all motors;
-    closed loop (x, s)⁺ = [A + B D, B C; G F] (x, s) + [B E_u, B; E_s, 0] (r, d),   y = (q_a, q_b),
+    closed loop (x, s)⁺ = [A + B D, B C; G F] (x, s) + [B E_u, B; E_s, 0] (r, d),   y = (q_a, q_b).
 
-with a torque d added to the law's, and the derivatives E_u and E_s of the law and its memory with respect to r. Closing
-the open loop with u = -y gives the closed one.
+The law is u = D x + C s + E_u r + d, with an added torque d, and s⁺ = G x + F s + E_s r. Closing the open loop with
+u = -y gives the closed one.
 """
 
 import dataclasses
@@ -150,13 +150,10 @@ class _LinearModels:
 
 
 def linear_models(policy: Linearisable, arm: AnyArm, control_period: float, posture: Any = None) -> _LinearModels:
-    """Return the linear models of a policy on its arm at a posture.
+    """Return the linear models of a policy at a posture.
 
-    Args:
-        policy: an object that can be linearised, such as `load_policy` returns, for this arm and control period.
-        arm: plant and model of the policy.
-        control_period: time between two torques [s].
-        posture: angle of each joint [rad], within its limits; None: where the arm's default path begins.
+    The policy, such as `load_policy` returns, must be for this arm and for `control_period`, the time between two
+    torques [s]. `posture` (joints,) [rad] is within the limits of the angles; None: where the default path begins.
 
     Raises:
         TypeError: the policy's state is not an array, or its torque is not in double precision.

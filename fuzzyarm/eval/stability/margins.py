@@ -124,8 +124,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
     The document contains the provenance, ``conditions``, and ``rows``: for each policy the result of `policy_margins`
-    and, if the robot's file has ranges, ``ends``, the spectral radius on each arm at the ends of the ranges, see
-    `ends_of`. `progress` is called after each policy.
+    and, if the robot's file has ranges, ``ends``, that of `ends_of`. `progress` is called after each policy.
 
     Raises:
         ValueError: a policy is unknown, or a policy or the path does not fit the robot.
@@ -154,10 +153,10 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 
 
 def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period: float) -> dict[str, float | None]:
-    """Return a policy's spectral radius [1] by description of an arm in `corners`; None if it cannot be linearised.
+    """Return the spectral radius [1] of a policy's closed loop with each arm of `corners`, by the key of the arm.
 
-    The policy keeps its model of the arm. `corners` are the arms at the ends of ranges, see `corners_of`.
-    The control period is in s.
+    It is None if the loop cannot be linearised. `corners` are the arms at the ends of ranges, see `corners_of`; the
+    policy keeps its model of the arm. The control period is in s.
     """
     found: dict[str, float | None] = {}
     for words, arm in corners.items():
@@ -169,7 +168,7 @@ def ends_of(policy: Linearisable, corners: Mapping[str, AnyArm], control_period:
 
 
 def ends_in_words(ends: Mapping[str, float | None]) -> str:
-    """Return in words the spectral radii of `ends_of`: first those that are None, then from the largest down."""
+    """Return a text with the spectral radii of `ends_of`, the worst first; None (no linearisation) is the worst."""
     ordered = sorted(ends, key=lambda words: -math.inf if ends[words] is None else -ends[words])  # type: ignore[operator]
     first, *others = (f"{_radius_cell(ends[words])} with {words}" for words in ordered)
     rest = "".join(f", {other}" for other in others)

@@ -68,9 +68,10 @@ def plant_record(joints: int) -> np.dtype[np.void]:
 
 
 def column_label(name: str, *, together: int | None = None) -> str:
-    """Return the label of an axis over a column, with its unit.
+    """Return the label, with unit, of a plot's axis for a column of `columns_of`.
 
-    `together` is the number of joints where all of them share the value, as on a grid; None names the column's joint.
+    `together` is the number of joints if all joints share the value, as on a grid. If it is None, the label names the
+    column's joint.
     """
     quantity, joint = columns_of(MOST_JOINTS)[name]
     label, unit, _ = QUANTITIES[quantity]
@@ -84,9 +85,8 @@ def column_label(name: str, *, together: int | None = None) -> str:
 class Distribution(DomainRandomisation):
     """Ranges from which plants are drawn: the environment's domain randomisation, encoder noise and control delay.
 
-    Attributes:
-        noise: factor of the encoder noise `NOISE`, 0 to 1e6.
-        delay: delay of the motors' torques in whole control periods, 0 to 100.
+    `noise` is a factor of the encoder noise `NOISE`, 0 to 1e6; `delay` is the delay of the motors' torques in whole
+    control periods, 0 to 100.
 
     Raises:
         TypeError: a range is not a pair of numbers.

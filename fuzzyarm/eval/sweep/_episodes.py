@@ -50,7 +50,7 @@ class SweepResults:
         return cls.of({name: np.concatenate([one[name] for one in arrays], axis=-1) for name in arrays[0]})
 
     def episodes(self, policy: int, case: int) -> SweepResults:
-        """Return the results, arrays (n,), of one policy in one case, given by their indices in the sweep."""
+        """Return the results of one policy in one case, given by their indices, as arrays (n,) over the n plants."""
         own = {name: array if name == "plants" else array[policy, case] for name, array in self.arrays.items()}
         return SweepResults.of(own)
 

@@ -1,8 +1,6 @@
 """The plants of a sweep: their parameters, and the environment in which some of them run.
 
-Plant i is a function of the configuration and of i alone, not of its chunk, worker, policy or case, so comparisons are
-paired. The environment draws its domain randomisation from its own stream for seed + i; noise and delay come from
-another stream of the same seed.
+Plant i depends on the configuration and on i alone, not on its chunk, worker, policy or case: comparisons are paired.
 """
 
 import dataclasses
@@ -93,7 +91,7 @@ def _environment(
 ) -> FuzzyArmVectorEnv:
     """Return the environment of `count` plants, each in every case, with the lanes in the order of `Plants`.
 
-    `cells` has by quantity the values (count,) that the grid sets in the plants; the environment draws the rest. All
+    `cells` maps each quantity of the grid to its values (count,) in the plants; all other quantities are drawn. All
     chunks use the sub-step that the fastest plant of the sweep needs.
     """
     arm, drawn = config.arm, config.drawn()
@@ -143,7 +141,7 @@ def _varied(arm: AnyArm, factors: Mapping[str, float]) -> AnyArm:
 
 
 def _disturbance(arm: AnyArm, case: str, payload: float, force: float, noisy: bool) -> Disturbance:
-    """Return the disturbance of a case with `payload` [kg] added and the tip force times `force`."""
+    """Return a case's disturbance with `payload` [kg] added, its force multiplied by `force`, and noise if `noisy`."""
     own = case_for(case, arm).disturbance
     tip_force = own.tip_force if own.tip_force is None or force == 1.0 else _ScaledForce(own.tip_force, force)
     # A payload of the case keeps its position, and the added mass is placed there too.

@@ -1,10 +1,9 @@
 """A ranking of policies over random plants, from the files of sweeps, best first.
 
-The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: the
-error that a user must allow for without knowing the plant or the next load. Its interval reaches from the largest of
-the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. A policy that ends
-more than one in a hundred episodes of a case early has no score and ranks after all that have one, by the share of such
-episodes.
+The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]. Its
+interval reaches from the largest of the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the
+upper ends. A policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that
+have one, by the share of such episodes.
 
 Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. The
 number of plants may differ.
@@ -106,7 +105,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
 
 
 def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], dict[str, Any], str]:
-    """Return a file's standings, and the conditions that files ranked together must share: by name, and in words."""
+    """Return a file's standings, by name the conditions that ranked files must share, and a text on release and arm."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:
@@ -145,7 +144,10 @@ def _ends(quantile: dict[str, Any]) -> list[float]:
 
 
 def _largest(found: Sequence[Sequence[float]]) -> MeanInterval | None:
-    """Return the largest value, low and high of the cases' quantiles (`_ends`); None if the value is infinite."""
+    """Return the largest value, the largest low end and the largest high end over the cases.
+
+    `found` has a row (value, low end, high end) for each case. Return None if the largest value is infinite.
+    """
     value, low, high = map(max, zip(*found, strict=True))
     if value == math.inf:
         return None

@@ -51,12 +51,8 @@ _RUN = "run.json"
 class Sweep:
     """A sweep in its folder, with its policies loaded.
 
-    Attributes:
-        folder: the folder of the sweep.
-        config: its configuration.
-        specs: by label, the specs of its policies; user code that they name may run.
-        policies: by label, the policies loaded for its robot.
-        digest: the digest of everything on which its results depend.
+    `specs` has by label the specs of the policies (user code named there may run), `policies` the policies loaded for
+    the robot of `config`. `digest` is the digest of everything on which the results depend.
     """
 
     folder: Path
@@ -152,8 +148,7 @@ class Sweep:
     def run(self, engine: Engine, report: Callable[[str], None] = lambda text: None) -> Iterator[int]:
         """Run the missing chunks, write each as soon as it is done, and yield the number of its plants.
 
-        The policies are sent to the workers of the engine, which do not need their files. The errors are those of
-        `Engine.run`, and ValueError if a chunk in the folder is damaged, a policy fails or a worker has other versions.
+        The errors are those of `Engine.run`, and ValueError if a chunk is damaged, a policy fails or versions differ.
         """
         work = functools.partial(_run_chunk, self.config, self.policies, _made_with())
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
@@ -254,12 +249,10 @@ def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[s
 
 
 def _digest_of(identity: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the identity of a sweep, see `_identity_of`."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 def _begun(document: Mapping[str, Any]) -> tuple[SweepConfig, dict[str, dict[str, Any]], str]:
-    """Return a sweep's configuration, identity and digest of the identity from the content of ``run.json``."""
     parts = {name: instance(name, document[name], dict) for name in ("config", "policies", "made_with", "cases")}
     config = SweepConfig.from_dict(parts["config"])
     return config, parts | {"config": _numbers(parts["config"])}, document["digest"]

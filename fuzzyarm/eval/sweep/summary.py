@@ -3,12 +3,11 @@
 An episode that ended early counts as one whose tip error is larger than any bound. The p-quantile of n errors is the
 smallest error that at least n p of the errors do not exceed, and may belong to an episode that ended early.
 
-Confidence intervals are of 95 % and refer to the distribution that the plants were drawn from (for a grid: to plants
-chosen from it at random). Intervals of quantiles are percentile bootstraps. The rank of a resample's quantile has the
-same distribution for all errors, so `scipy.stats.bootstrap` resamples the ranks once, for all policies, cases and
-metrics. Such an interval cannot exceed the largest error. Therefore the interval of the 99 % quantile covers the true
-quantile in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A success rate has
-Wilson's interval: where all plants succeed, every resample does too, and a bootstrap would claim certainty.
+Confidence intervals have the level 95 % and refer to the distribution from which the plants were drawn (for a grid: to
+plants chosen from it at random). Intervals for quantiles are percentile bootstraps, which resample ranks once for
+all policies, cases and metrics. Such an interval cannot exceed the largest error. Therefore the interval of the 99 %
+quantile covers the true quantile in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A
+success rate has Wilson's interval: where all plants succeed, a bootstrap would claim certainty.
 """
 
 import functools
@@ -107,7 +106,10 @@ def _quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
 
 @functools.cache
 def _quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks (3,), from 0, of `_QUANTILES` among `count` values, and of the low and high interval ends."""
+    """Return the ranks (3,), from 0, of `_QUANTILES` among `count` values in ascending order.
+
+    Two more arrays (3,) have the ranks of the low and of the high ends of their confidence intervals.
+    """
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in _QUANTILES])
     if count == 1:
         return ranks, ranks, ranks
@@ -157,7 +159,7 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
 
 
 def _cell(found: dict[str, _Number], form: Callable[[float], str], terminal: bool) -> str:
-    """Return the text of a table's cell: a value and its interval by `form`, on two lines for a terminal."""
+    """Return a table cell: the value and the interval in `found`, formatted by `form`; two lines if `terminal`."""
     value, low, high = (
         _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
     )

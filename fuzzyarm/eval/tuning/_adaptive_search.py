@@ -8,11 +8,10 @@ the payload of the case ``payload`` (Table 1: 5 kg). Half of them are under a fo
 instant on, the other half under a force against the direction of travel, both of up to 250 N (Table 1; scaled for other
 arms). The first group has the known arm. The second has masses and motor inertias within 10 % of the known ones,
 stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. The third adds encoder noise of
-up to twice `_NOISE`, and delays of the commands of up to two periods. The default reference is used only for the last
-error.
+up to twice `_NOISE`, and delays of the commands of up to two periods.
 
-The weights of `_BOX` are searched for. The others are fixed: they state prior knowledge (how far an arm may differ from
-the known one) or the confidence of a test (the dead zone: four standard deviations).
+The weights of `_BOX` are searched for. The others are fixed: they state prior knowledge or the confidence of a test
+(the dead zone: four standard deviations).
 
 The policy tolerates a changed loop only because it adapts: with frozen adaptation it is unstable if the loop gain is a
 few per cent off. The search therefore has no constraint on margins.
@@ -115,10 +114,10 @@ def _objective_for(arm: ArmParameters, bandwidth: float | None) -> Costs:
 
 
 def _random_arms(group: str, arm: ArmParameters) -> Callable[[AdaptiveObserverPolicy], np.ndarray]:
-    """Draw loads, noise, delays and torque constants for the arms of a group in `_GROUPS`; `arm` is the known one.
+    """Return a function from a policy to the largest tip error [mm] on each random arm, (lanes,), at most `_CAP`.
 
-    Return a function from a policy to the largest tip error [mm] in each arm's episode, (lanes,), at most `_CAP`. The
-    function draws the plants, always the same, when it resets the environment.
+    The arms and their loads are those of a group in `_GROUPS`, the same in every call. `arm` is the arm that the policy
+    knows.
     """
     unknown, late = _GROUPS[group]
     generator, disturbances = np.random.default_rng((_SEED, list(_GROUPS).index(group))), []
@@ -174,7 +173,6 @@ def _noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
 
 
 def _weights_of(logarithms: np.ndarray) -> AdaptiveWeights:
-    """Return the rounded weights with these logarithms (9,), in the order of `_BOX`."""
     return AdaptiveWeights(**dict(zip(_BOX, rounded(np.exp(logarithms), _DIGITS), strict=True)))
 
 

@@ -1,7 +1,7 @@
 """The result of a tuning step, kept in a file so that the tuning can be resumed; and the motion and loads of an arm.
 
-The motion is the arm's default reference. The largest loads in a search are scaled to the arm as those of the cases
-are, see `envs.scenario.cases`; no search simulates the cases with loads.
+The motion is the arm's default reference. The largest loads in a search are scaled to the arm by the rule for the
+loads of the cases, see `envs.scenario.cases`.
 """
 
 import dataclasses
@@ -29,12 +29,12 @@ PERIOD = 1e-3
 
 
 def periods_of(arm: AnyArm) -> int:
-    """Return the number of control periods of the arm's motion."""
+    """Return the number of control periods in the arm's default reference."""
     return round(default_reference(arm).duration / PERIOD)
 
 
 def halving_radius(arm: AnyArm) -> float:
-    """Return the spectral radius over a control period with which deviations halve in the time of the arm's motion."""
+    """Return the spectral radius per control period with which deviations halve during the arm's default reference."""
     return float(0.5 ** (1.0 / periods_of(arm)))
 
 
@@ -44,7 +44,7 @@ def heaviest(arm: AnyArm) -> float:
 
 
 def force_factor(arm: AnyArm) -> float:
-    """Return the ratio [1] of the arm's forces to those of Table 1, which scales its machining force; 1 for Table 1."""
+    """Return the machining force of the arm's case ``machining``, divided by that for the arm of Table 1 [1]."""
     own, papers = (case.disturbance.tip_force for case in (case_for("machining", arm), find_case("machining")))
     assert isinstance(own, MachiningForce) and isinstance(papers, MachiningForce)
     return own.base / papers.base

@@ -1,8 +1,8 @@
-"""What every search of a tuning is given and returns, and the search for the weights of an observer.
+"""The arguments and results of every search of a tuning, and the search for the weights of an observer.
 
 The search is over the logarithms of the weights: at the points of a Sobol set, then by Nelder-Mead from the best
-of them. The weights of Table 1 are the first guess. They stay unless a search lowers the objective by the share
-`WORTH`, since a smaller difference says nothing about the weights.
+of them. The weights for the arm of Table 1 are the first guess. They are kept unless a search lowers the objective by
+more than the share `WORTH`, since a smaller difference says nothing about the weights.
 """
 
 import dataclasses

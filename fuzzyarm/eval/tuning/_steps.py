@@ -106,7 +106,10 @@ def _assessed_bandwidth(arm: ArmParameters, bandwidth: float) -> dict[str, Any]:
 
 
 def _bandwidth_of(rows: list[dict[str, Any]], allowed: float) -> dict[str, Any] | None:
-    """Return the row of least motor error with enough gain margin and no radius above `allowed`; None without one."""
+    """Return the row with the least motor error among those that qualify; None if none does.
+
+    A row qualifies if its gain margin is large enough and none of its spectral radii exceeds `allowed`.
+    """
     eligible = [
         row
         for row in rows
@@ -121,12 +124,14 @@ def _bandwidth_of(rows: list[dict[str, Any]], allowed: float) -> dict[str, Any] 
 
 
 def _worst(radii: dict[str, float | None]) -> float:
-    """Return the largest spectral radius of all conditions; inf if a condition has no loop."""
     return max(math.inf if radius is None else radius for radius in radii.values())
 
 
 def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
-    """Return (settings, radii by condition) of (settings, policy) candidates until one is stable in all conditions."""
+    """Try (settings, policy) candidates in order until the loop of one is stable in all conditions.
+
+    Return (settings, spectral radii by condition) for each candidate tried.
+    """
     tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
         tried.append((made_from, measured_radii(policy, context.arm)))
@@ -168,7 +173,10 @@ def _robot_bandwidth(context: Context) -> Found:
 
 
 def _robot_observer(context: Context) -> Found:
-    """Return the elastic observer's weights for the largest `load_walk` with a stable loop, else the least unstable."""
+    """Return the weights of the elastic observer with the largest `load_walk` for which the loop is stable.
+
+    If no loop is stable, return the weights with the smallest spectral radius.
+    """
     robot: Robot = context.arm
     first = weights_for(robot, PERIOD)
     slower = (dataclasses.replace(first, load_walk=first.load_walk / factor) for factor in SOFTENINGS)

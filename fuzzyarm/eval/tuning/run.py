@@ -63,10 +63,9 @@ class Tuned:
 
 
 def begin(arm: AnyArm, folder: Path, ranges: Ranges | None = None) -> None:
-    """Write the arm and its ranges into an empty folder; margins are also measured at the ends of the ranges.
+    """Begin a tuning: write the arm, and `ranges` of its parameters if there are any, into an empty folder.
 
-    Raises:
-        ValueError: the folder is not empty, or the motors cannot hold the arm.
+    ValueError if the folder is not empty, or the motors cannot hold the weight of the arm.
     """
     if str(folder) in shipped_robots():
         raise ValueError(
@@ -104,7 +103,10 @@ def _check_strength(arm: AnyArm) -> None:
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
-    """Return the arm of a folder whose tuning is resumed; ValueError if it has no arm, or not `arm` (None: any)."""
+    """Return the arm of a folder whose tuning is resumed.
+
+    ValueError if the folder contains no arm, or another one than `arm`. If `arm` is None, any arm is accepted.
+    """
     if not (folder / IN_FOLDER).is_file():
         raise ValueError(f"{folder} contains no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
