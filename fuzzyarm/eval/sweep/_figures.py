@@ -21,7 +21,7 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 
 __all__ = ["write_sweep_figures"]
 
-# Ordered by lightness, to be read with any colour vision and in grey: dark is bad. Red: half or more ended early.
+# Ordered by lightness, to be read with any colour vision and in grey: dark is bad. Red: more than half ended early.
 _COLORS = colormaps["viridis_r"].with_extremes(over="#CC3311")
 _FINE, _COARSE = 1.0 / 40.0, 5.0  # ends of the colour scale, as shares of the bound of success
 _LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
@@ -146,7 +146,7 @@ def _map(config: SweepConfig, policy: str, cells: _Cells, medians: np.ndarray, n
     panels[0].set_ylabel(up)
     bar = figure.colorbar(mesh, ax=panels, pad=0.02, extend="max")
     what = "largest tip error [mm]" + (", median of the plants in a cell" if config.plants > 1 else "")
-    bar.set_label(f"{what}\n(red: {'half or more ' if config.plants > 1 else ''}ended early)")
+    bar.set_label(f"{what}\n(red: {'more than half ' if config.plants > 1 else ''}ended early)")
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     bar.ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
     figure.suptitle(policy, x=0.01, ha="left", fontsize=10.5)
