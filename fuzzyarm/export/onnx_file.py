@@ -189,7 +189,7 @@ class _Graph:
 
 
 class _Run:
-    """A run of a program that adds its operations to a graph; `outputs` are all ports' final numbers, see `_Graph`."""
+    """A run of a program in which each operation becomes a graph's node; `outputs`: the final numbers of all ports."""
 
     def __init__(self, graph: _Graph, program: Program, inputs: Sequence[Any]) -> None:
         self._graph, self._program = graph, program

@@ -116,7 +116,7 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _lawful(self) -> bool:
-        """Whether no subclass overrides a method that acts by the law, see `law_of`."""
+        """Whether the methods that compute torques from the law are not overridden, see `law_of`."""
         return law_of(self) is not None
 
     @functools.cached_property

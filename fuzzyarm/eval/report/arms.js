@@ -50,7 +50,7 @@ class Arm {
     this.canvas.setAttribute("aria-label", `Arm under ${name}, ${scene.title}, tip error up to ${worst}`);
   }
 
-  /** Draw what does not move, and keep it in a hidden canvas from which `draw` copies it. */
+  /** Draw the fixed parts on a hidden canvas that `draw` copies. */
   prepare() {
     const { scene } = state, run = scene.runs[this.policy], { low, high } = view, { width, height } = this.canvas.box;
     const scale = Math.min(width / (high[1] - low[1]), height / (high[0] - low[0]));
@@ -140,7 +140,7 @@ function drawPayload(context, tip, mass, scale) {
   context.fillText(`${mass}`, ...tip);
 }
 
-/** Write the torques of a few joints [N m], or of more how near the next limit is. */
+/** Write the torques [N m] of few joints or, of many, how near the next limit is. */
 function torqueText(torques) {
   if (!report.robot) return `Γ ${torques.map(signed).join(", ")}`;
   const share = Math.max(...torques.map((torque, joint) => Math.abs(torque) / report.robot.torque[joint]));
@@ -188,7 +188,7 @@ function wrapped(context, text, width) {
   return lines;
 }
 
-/** Return the magnification of deviations: the chosen one, or one that keeps most of the chosen policies near the reference. */
+/** Return the magnification of deviations: the chosen one, or one that keeps most policies near the reference. */
 function magnification() {
   if ($("magnification").value !== "auto") return Number($("magnification").value);
   const peaks = chosen().map((policy) => state.scene.runs[policy].peak).sort((a, b) => a - b);
@@ -196,7 +196,7 @@ function magnification() {
   return MAGNIFICATIONS.findLast((factor) => factor * typical <= 1.2 * ROOM) ?? 1;
 }
 
-/** Return the magnification for a run: with automatic choice, a run that would leave the picture is drawn to scale. */
+/** Return the magnification for a run; one that would leave the picture is drawn to scale by default. */
 function factorOf(run) {
   const factor = magnification();
   return $("magnification").value === "auto" && factor * run.peak > 5 * ROOM ? 1 : factor;

@@ -6,7 +6,7 @@ const CARD_GAP = 8, CARD_TEXT = 52, NARROWEST = 165, IN_A_ROW = 215;
 const plots = PLOTS.map((kind) => new Plot(kind));
 const arms = report.policies.map((_, policy) => new Arm(policy));
 
-/** Return a length in millimetres, or in micrometres if it is small; below one it is not told. */
+/** Return a length in millimetres or, below 0.01 mm, in micrometres. */
 function lengthText(metres) {
   const millimetres = 1e3 * metres;
   if (millimetres >= 100) return `${millimetres.toFixed(0)} mm`;
@@ -19,7 +19,7 @@ const signed = (value) => value.toFixed(1).replace("-", "−");
 const timeText = (sample) => `${state.scene.time[sample].toFixed(3)} s`;
 const clockText = changingText("span");
 
-/** Draw the current instant. Nothing here reads the layout, so that a picture costs one layout at most. */
+/** Draw the current instant without reading the layout, so that a picture costs one layout at most. */
 function show() {
   const { sample } = state, time = timeText(sample);
   for (const policy of chosen()) arms[policy].draw();

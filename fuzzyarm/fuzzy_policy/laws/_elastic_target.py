@@ -138,7 +138,9 @@ class ElasticTarget:
         return target_of(equations_of(self._parameters))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
-        """Fill `target` with θ_d, θ̇_d, θ̈_d [rad, s] and `feedforward` with unclipped u_ff [N m]; advance the memory.
+        """Fill `target` (lanes, 3 n) with θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²]; advance the memory.
+
+        `feedforward` (lanes, n) is filled with the unclipped u_ff [N m].
 
         Only the reference in `observation` (lanes, 5 n) is used. A memory (lanes, memory_size) of zeros begins an
         episode with the arm at rest.

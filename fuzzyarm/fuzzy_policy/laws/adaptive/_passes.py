@@ -178,7 +178,7 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
 def _lines(force: np.ndarray) -> np.ndarray:
     """Return the force lines (samples, lanes, 2 · axes), see `Scratch`, of a force (samples, lanes, axes).
 
-    They are its mean until the next sample, then its change until then, at last 0.
+    They are the force's mean up to the next sample, then its change up to there, which is 0 at the last sample.
     """
     later = np.concatenate([force[1:], force[-1:]])
     return np.concatenate([0.5 * (force + later), later - force], axis=2)
@@ -234,7 +234,7 @@ class _Smoother:
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Prepare a filter for the policy's arm that takes the constants as known, and does not doubt torque jumps."""
+        """Prepare a filter for the policy's arm with known constants; torque jumps do not raise its variances."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)
@@ -273,9 +273,10 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return the filter's memories (lanes, size) before the first sample, with no force.
+        """Return the filter's memories (lanes, size) before the first sample, with estimated forces of 0.
 
-        `measured` (lanes, 2 n) is that sample, `early` the memories after it; the arm's constants are from `known`.
+        `measured` (lanes, 2 n) is that sample, and `early` has the memories after it. The arm's constants are those of
+        the memories `known`.
         """
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()

@@ -218,7 +218,7 @@ class Scratch:
 
 
 def correct(m: Memory, s: Settings, room: Scratch, seen: Observation) -> None:
-    """Correct z and its covariance P by a sample unless the filter has diverged; fill `room.acted`, the z to act on."""
+    """Correct the estimate z and its covariance P unless the filter has diverged; fill `room.acted`, z for the law."""
     for i in each(len(room.acted)):  # also for a diverged filter, so that every entry is defined
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -537,7 +537,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return ``commands[place, joint]`` [N m], newest first, found by comparisons: no array index depends on data."""
+    """Return ``commands[place, joint]`` [N m] by comparisons: no array index depends on data; place 0 is the newest."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -545,7 +545,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 
 
 def fill(copies: _Copies, z: Any, room: Scratch) -> None:
-    """Fill states and forces of copies of the arm from z, and their vectors a from `room`; torques do not change."""
+    """Fill the copies of the arm with states and forces from z and constants from `room`; their torques are kept."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
         for i in each(states):
@@ -559,7 +559,7 @@ def fill(copies: _Copies, z: Any, room: Scratch) -> None:
 
 
 def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_slope: Any) -> None:
-    """Fill the copies: first the estimate, then each entry of z a step ahead, then each motor velocity a step behind.
+    """Fill the copies: first z, then z with each entry increased by a step, then with each motor velocity decreased.
 
     A motor velocity's step is its standard deviation, because a sticking joint would not respond to a small step.
     `torque` (n,) [N m] is that of the motors, `torque_slope` (n,) its derivative with respect to the delay.
@@ -591,7 +591,7 @@ def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_sl
 
 
 def _step(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill F, the derivative of the next x by z, from differences of the advanced `room.copies`; advance z and P."""
+    """Fill F, the next x differentiated with respect to z, from differences of `room.copies`; advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):

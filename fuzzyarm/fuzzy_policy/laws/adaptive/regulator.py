@@ -121,9 +121,9 @@ def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill `room` for the estimate z: the vector a, and for each reference τ_d and the direction of travel.
+    """Store in `room`, for the estimate z, the constants of the arm, and τ_d and the direction of travel per reference.
 
-    `room.line` and `room.directions` give the tip force until the next sample.
+    `room.line` and `room.directions` then give the tip force until the next sample.
     """
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]

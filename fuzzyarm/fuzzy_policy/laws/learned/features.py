@@ -195,7 +195,10 @@ class FeatureLanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Replace scaled actions in `torque` (lanes, n) by torques [N m]; advance `memory` and the base's, `held`."""
+        """Turn the scaled actions in `torque` (lanes, n) into torques [N m], in place.
+
+        `action` has the actions before scaling. `memory` and the base law's memory `held` are advanced.
+        """
         self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 

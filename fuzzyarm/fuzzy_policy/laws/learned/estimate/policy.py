@@ -66,12 +66,12 @@ class _EstimateMemory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """Elastic and adaptive observer with a network, see the module's docstring; its memory is an `_EstimateMemory`."""
+    """The elastic and the adaptive observer with a network; its memory is an `_EstimateMemory`. See the module."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
     ) -> None:
-        """Design elastic and adaptive observer for T [s] and the arm as the policy knows it (default Table 1).
+        """Design both observers for the control period [s] and the arm as the policy knows it (default: Table 1).
 
         ValueError if the control period is out of range, there are no gains for these arguments, or the network is for
         another number of joints or axes.
