@@ -63,7 +63,7 @@ def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> in
 
 
 def reals(name: str, values: Any, count: int | range, unit: str = "", **bounds: float) -> tuple[float, ...]:
-    """Return `count` (or a number within it) finite real numbers as a tuple of floats; `bounds` as for `real`."""
+    """Return `values`, finite real numbers, as floats; `count` is their allowed number, or a range of it."""
     counts = count if isinstance(count, range) else (count,)
     if not any(is_sequence(values, size) for size in counts):
         kind = ValueError if _is_sequence(values) else TypeError

@@ -82,7 +82,7 @@ class Canvas:
             self.disc(point, 0.5 * width, colour)
 
     def arrow(self, start: np.ndarray, end: np.ndarray, width: float, colour: _Colour) -> None:
-        """Draw an arrow, in pixels, with a head 3 widths long; a shorter arrow is thinner in proportion."""
+        """Draw an arrow, in pixels, with a head 3 widths long, or thinner if it is shorter than that."""
         length = np.hypot(*(end - start))
         width, along = min(width, length / 3.0), (end - start) / length
         across, neck = np.array([-along[1], along[0]]), end - 3.0 * width * along

@@ -27,7 +27,7 @@ def figure_style() -> AbstractContextManager[None]:
 def write_all(
     figures: Mapping[str, Figure], folder: Path, progress: Callable[[], None] = lambda: None, *, svg: bool = True
 ) -> list[Path]:
-    """Write ``<name>.png`` and ``<name>.svg`` of figures by name, each atomically; return their paths in that order.
+    """Write ``<name>.png`` and, if `svg`, ``<name>.svg`` of figures by name, each atomically; return their paths.
 
     A figure is laid out once and then drawn once for each format; `Figure.savefig` would draw twice for each format.
     """

@@ -46,7 +46,7 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
     """Return the names in `named` that match none of the `policies` of a results file.
 
-    User code matches the same code, a policy file one with the same label in any folder. ValueError, whose message
+    User code matches only the same code, a policy file any file with the same label. ValueError, whose message
     begins with `place`, unless `named` has all user code among `policies`: the file alone does not permit it to run.
     """
     specs = list(map(resolve, policies))

@@ -206,7 +206,7 @@ def error_phi(
 def _error_uncertainty(
     data: Vertices, tau: Any, P: Any, Q: Any, X: Any, between: list[int]
 ) -> tuple[Any, list[list[Any]]]:
-    """Return Σ τ_l H_lᵀH_l, and each dropped premise's block row: for ē, for ē', zeros `between`, 0, ..., -τ_l I."""
+    """Return Σ τ_l H_lᵀH_l, and for each dropped premise a block row: that for ē, for ē', `between`, 0, ..., -τ_l I."""
 
     def uncertain(term: Uncertainty) -> list[Any]:
         W_P, W_Q, W_X = (term.W @ matrix[..., PLANT, :] for matrix in (P, Q, X))

@@ -40,7 +40,7 @@ def identity(size: int) -> np.ndarray:
 
 
 def symmetric(lower: Sequence[Sequence[Any]]) -> np.ndarray:
-    """Return the symmetric matrices (..., r, r) with the lower block rows `lower`, in its unit; 0 is a zero block."""
+    """Return symmetric matrices (..., r, r); row i of `lower` has blocks 0 to i, in any unit; 0 is a zero block."""
     ends = np.cumsum([row[-1].shape[-1] for row in lower])
     places = [slice(end - row[-1].shape[-1], end) for row, end in zip(lower, ends.tolist(), strict=True)]
     blocks = [entry for row in lower for entry in row if not isinstance(entry, int)]

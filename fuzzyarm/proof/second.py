@@ -420,7 +420,7 @@ class _Motion:
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 
     def courses(self, linear: Any, others: list[Any]) -> tuple[list[_Course], list[list[_Course]]]:
-        """Return f(*at(s), t) as lists of functions of s: of `linear` exactly, of each of `others` by interpolation."""
+        """Return f(*at(s), t) as lists of functions of s: of f = `linear`; then of each f in `others`, interpolated."""
         values = [[f(*at) for f in (linear, *others)] for at in self._nodes]
         flat = arb_mat([[x for part in row for x in part] for row in values])
         places = iter((self._turned * flat).transpose().table())
@@ -573,7 +573,7 @@ class _Tube:
         self._last = self._tip(0.0)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield each control step's index; of endless laps, the last again until it ends in its initial set."""
+        """Yield each control step's index; of endless laps, repeat the last until it ends in its initial set."""
         steps, count, place, again = len(self._claim.steps), self._claim.count, 0, _AGAIN
         while place < steps:
             yield place
@@ -600,8 +600,8 @@ class _Tube:
     def _is_inside(self) -> bool:
         """Return whether the lap ends in its initial set; the next lap will begin in a set that contains this end.
 
-        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. `rest` is the next end less
-        c + C π + G g, by the columns that both have. It equals B g' with |g'| <= 1 under Lemma 7 of the documentation.
+        Such a set is c + C π + G g + B g', |g|, |g'| <= 1, with c, C and G from the end. `rest` is the next end minus
+        c + C π + G g, common columns subtracted. It equals B g' with |g'| <= 1 under Lemma 7 of the documentation.
         """
         rows, m, share, inside = [*range(8), 10, 11], len(self._plant.column), _SHARE, False
         point, G = np.array([*self._centre, *self._memory]), self._G[rows]

@@ -102,7 +102,7 @@ def error_vertices(
 def tracking_vertices(
     model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool = False, rationals: bool = False
 ) -> TrackingVertices:
-    """Return `error_vertices` of these arguments with the model (8) for (q_d, q̇_d, q̈_d) and Q = diag(`weight` (4,))."""
+    """Return `error_vertices` with the reference model, equation (8), of (q_d, q̇_d, q̈_d), Q = diag(`weight` (4,))."""
     plain = error_vertices(model, integral, common_multiplier=common_multiplier, rationals=rationals)
     p, I, O = REFERENCE_POLE, np.eye(JOINTS), np.zeros((JOINTS, JOINTS))  # noqa: E741  identity
     A_r, B_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]]), np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])

@@ -60,7 +60,7 @@ class Scaling:
 
     @property
     def rows(self) -> np.ndarray:
-        """Factors (rows,) on the rows x, ẋ, w, z and uncertain terms of Ψ; the unit of those on d is N m s^½."""
+        """Factors (rows,) on the rows x, ẋ, w, z and uncertain terms of Ψ; those of d, in w, are in N m s^½."""
         root = np.sqrt(self.time)
         terms = np.repeat(root / self.uncertainty, self.terms)
         return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])

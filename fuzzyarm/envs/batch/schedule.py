@@ -115,7 +115,7 @@ class Schedule:
 
 
 def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
-    """Return (steps, 2 axes) [N]: the mean tip force over each step, then the change of a fitted line over it.
+    """Return (steps, 2 · axes) [N]: the mean tip force over each step, then the change over the step by a fitted line.
 
     The steps begin at `starts` (steps,) [s] and last `period` [s].
     """

@@ -2,7 +2,7 @@
 
 The two-joint arm, also as a `Robot`, uses the paths of `PAPER_PATHS` if it can follow them; its circle is the paper's
 and takes 1.5 s, whatever the motors. Any other arm follows the path of that name at the tip of its home posture: a
-planar robot in its plane; another robot in the upright plane that is perpendicular to the horizontal direction from
+planar robot in its plane; another robot in the vertical plane perpendicular to the horizontal direction from
 the base to the tip. The circle and the square begin and end at this tip, their lowest point; the lemniscate and the
 line have their middle there. Half of the path's width is the largest of `_SIZES` that the robot can follow while its
 last link keeps its orientation. The duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint
@@ -179,10 +179,10 @@ def reference_family(arm: AnyArm, count: int = _FAMILY, seed: int = _FAMILY_SEED
     """Return `count` references, determined by the arm and the seed.
 
     They are circles, lemniscates and lines of the tip for the two-joint arm; for a robot, splines of the joint angles
-    that begin and end at home, pass through two postures within 0.6 rad of it, and reach at most half a velocity limit.
+    that begin and end at home and pass through two postures within 0.6 rad of it, no joint above half its speed limit.
 
     Raises:
-        ValueError: the motors of the robot are too weak for every reference.
+        ValueError: the motors of the robot are too weak for all references that were tried.
     """
     return _tip_paths(arm, count, seed) if isinstance(arm, ArmParameters) else _splines(arm, count, seed)
 

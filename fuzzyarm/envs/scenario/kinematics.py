@@ -43,7 +43,7 @@ LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of
 
 
 def jacobian(now: Frames) -> np.ndarray:
-    """Return J (..., 6, n) for frames `now`: three rows [m] for the tip's velocity, three [1] for the turning rate."""
+    """Return J (..., 6, n) for frames `now`: three rows [m] for the tip's velocity, three [1] for the angular one."""
     linear = np.cross(now.axes, now.tip[..., np.newaxis, :] - now.origin)
     return np.swapaxes(np.concatenate([linear, now.axes], axis=-1), -1, -2)
 

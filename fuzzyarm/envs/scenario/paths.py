@@ -1,8 +1,8 @@
 """Geometric paths of the tip; the time law along a path is in `reference`.
 
-Every curve p(s), s in [0, 1], is twice differentiable. Points (x, y) lie in the plane of the two-joint arm, in
-the frame of (26): the base at the origin, x down along gravity, y to the side. Points (x, y, z) are in a robot's
-base frame; lines and splines take either, and `Placed` brings any plane curve into space.
+Every curve p(s), s in [0, 1], is twice differentiable. Points (x, y) lie in the plane of the two-joint arm, in the
+frame of equation (26): the base at the origin, x down along gravity, y to the side. Points (x, y, z) are in a
+robot's base frame; lines and splines take either, and `Placed` brings any plane curve into space.
 
 Circle, lemniscate, line and square can be chosen by name, for the paper's arm and in a plane for any other arm. A
 square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.

@@ -142,7 +142,7 @@ class PathReference(Reference):
     path: TipPath
 
     def checked_instants(self, size: int) -> np.ndarray:
-        """Check T and that the path has points of `size` coordinates; return evenly spaced instants (k,) [s]."""
+        """Return evenly spaced instants (k,) [s] of the motion; ValueError for a wrong T or number of coordinates."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
                 f"path = {checks.shown(self.path)} must have a method points(s) that returns points of shape (..., "

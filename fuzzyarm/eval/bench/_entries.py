@@ -66,7 +66,7 @@ class Entry:
 
 
 def single_entries() -> list[Entry]:
-    """Return the entries that step a single environment made by `gymnasium.make`: this project's, or a peer."""
+    """Return the entries that step a single environment made by `gymnasium.make`: this project's and peers."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "Reacher-v5")):

@@ -80,7 +80,7 @@ class BenchConfig:
         }
 
     def turns(self) -> int:
-        """Return how often `run_bench` calls `progress`: per round or warm-up of entries, per group, and for memory."""
+        """Return how often `run_bench` calls `progress`: per entry and round or warm-up, per group, and for memory."""
         groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
         return sum(len(group) * (self.rounds + 1) + 1 for group in groups) + 1
 
@@ -124,10 +124,10 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
 def _race(
     name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None] = lambda _: None
 ) -> list[dict[str, Any]]:
-    """Measure the entries of the group `name` one after another in each round; return a row of the document for each.
+    """Measure the entries of the group `name` in turn in each round; return for each a row of the results document.
 
-    The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
-    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each turn with a description.
+    The ratio of one of our entries to a peer is taken round by round, so that a disturbance of the machine that lasts
+    longer than a round slows both. A measurement takes `seconds` [s]; `progress` is called before each with its name.
     """
     with contextlib.ExitStack() as stack:
         measures, reasons = {}, {}

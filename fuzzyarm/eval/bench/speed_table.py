@@ -64,7 +64,7 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
 
 
 def _spread(values: dict[str, float], scale: float = 1.0) -> str:
-    """Return "median (q1-q3)", with the quartiles, of values times `scale`; the median has at least three digits."""
+    """Return "median (q1-q3)", from the entries of `values` times `scale`; the median has at least three digits."""
     scaled = [scale * values[key] for key in ("median", "q1", "q3")]
     decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
     median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)

@@ -2,8 +2,8 @@
 
 A policy has beliefs if it has a method ``beliefs(state)``. Each of these attributes of the returned object is optional,
 and is kept only with its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes) [N], ``payload``
-(...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, which maps the
-names of parameters to (..., n).
+(...) [kg], ``offset`` (..., n) [N m], the delay ``lateness`` (...) [s], and ``factors``, which maps names
+of parameters to factors (..., n) on their values.
 
 It may also have ``diverged``, true once the estimate has diverged; ``at_end``, which maps the name of an estimate to
 whether it is at a limit of its range; and ``other_path``, true once the path deviates from that of the previous pass.

@@ -172,7 +172,7 @@ def run_episode(
 
 
 def _domain_use(signals: Mapping[str, np.ndarray], arm: AnyArm) -> np.ndarray:
-    """Return the used share (n,) of the joint box, eq. (25), in n steps: the largest over all angles and velocities."""
+    """Return, for n steps, the largest share (n,) of its limit in the box (25) that an angle or a velocity reaches."""
     low, high, velocity, _ = bounds_of(arm)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     shares = [

@@ -37,7 +37,7 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def estimate(values: Sequence[float]) -> MeanInterval:
     """Return the interquartile mean of finite values, one per run, and, for two or more, its 95 % bootstrap interval.
 
-    The interval spans the 2.5 % to 97.5 % percentiles of the means of `_RESAMPLES` samples drawn with replacement. It
+    The interval spans the 2.5th to 97.5th percentiles of that mean in `_RESAMPLES` samples drawn with replacement. It
     estimates where the interquartile mean of all possible runs lies. With five runs it is somewhat narrow: for normal
     or log-normal values it covers the true interquartile mean in about nine cases of ten.
     """

@@ -232,7 +232,7 @@ def document(board: Leaderboard) -> dict[str, Any]:
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
     """Return rows of cells under the headings `ROW`, one for each declaration of a policy.
 
-    If there are several, the first cell also names the results file.
+    If a policy has several, the first cell also names the results file.
     """
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]

@@ -23,7 +23,7 @@ class PaperNumber:
 
     Our value may drift from the stored one by relative * |stored| + absolute. Numbers that need no simulation agree on
     all machines up to rounding; their relative tolerance is 1e-9. Simulated ones are reproducible on one machine: a
-    change of the gains by a relative 1e-6 changes them by up to 1e-4. Their relative tolerance is 1e-3, and lengths
+    relative change of the gains by 1e-6 changes them by up to 1e-4. Their relative tolerance is 1e-3, and lengths
     also have an absolute one of a micrometre. The relative tolerance of γ is 0.02, as its bisection stops at 1 %.
     """
 

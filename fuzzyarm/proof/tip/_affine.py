@@ -440,7 +440,7 @@ def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
 
 
 def _level(a: Any, b: Any) -> Affine | None:
-    """Return min(a, b) as a new unknown in [l, h] if it is min(max(x, l), h) for l < h in the range of x, else None."""
+    """Return min(a, b) as a new unknown in [l, h] if it is an x clipped to [l, h], inside the range of x, else None."""
     larger, most = (a, b) if isinstance(a, Affine) else (b, a)
     if isinstance(most, Affine) or larger.parts is None:
         return None

@@ -57,7 +57,7 @@ class _Linearised:
     """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant, arm: Any) -> None:
-        """Linearise R for `arm`, balls for the constants of the set's middle, or for their change due to one mass."""
+        """Linearise R; `arm` has as balls the constants of the set's middle, or their change due to one mass."""
         self._motion, self._force, self._plant, self._arm = motion, force, plant, arm
         middles, push = [[signal[0] for signal in kind] for kind in motion.links], [part[0] for part in force.middle]
         slopes = _link_slopes(plant.physics, middles, push, arm)

@@ -199,9 +199,9 @@ class Friction:
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
         """Return a bound on |w| + `products` [N m]; `PlanFails` if the tube contradicts the plan.
 
-        The result of `torque` times the friction factor's error is left out. In the tube, |δv| <= `tube_speed` [rad/s]
-        and |δN| <= `tube_net` [N m]. `products` [N m] bounds the errors of inertia and viscous friction times the
-        deviations of acceleration and velocity, `constants` [N m] all other torques due to errors of constants.
+        The bound omits the error of the friction factor times the result of `torque`. In the tube, |δv| <= `tube_speed`
+        [rad/s] and |δN| <= `tube_net` [N m]. `products` [N m] bounds the errors of inertia and viscous friction times
+        the deviations of acceleration and velocity, `constants` [N m] all other torques due to errors of constants.
         """
         low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:

@@ -77,7 +77,7 @@ class SampledLaw:
         self.memory = len(self.remembered)
 
     def repeats(self, steps: int) -> bool:
-        """Return whether all laps but the first, of `steps` samples, begin with the same stored part of the memory."""
+        """Return whether all laps of `steps` samples except the first begin with the same stored memory."""
         second, third = (np.delete(self._held[lap * steps, 0], self.remembered) for lap in (1, 2))
         return bool((second == third).all())
 

@@ -35,7 +35,7 @@ _CIRCLES = 19  # circles of latitude of directions in space; the polyhedron is a
 def tip_bound(
     state: np.ndarray, deviations: Zonotope, plant: BallPlant, wanted: list[float]
 ) -> tuple[float, np.ndarray]:
-    """Return a bound on the tip error [m] at a sample, and the share [m] of each of `SOURCES`, constants and centre.
+    """Return a bound on the tip error [m] at a sample, and its shares [m]: of each of `SOURCES`, constants, centre.
 
     `state` (8,) is the centre's, with the link angles q_y; `deviations` are the arm's from it; `wanted` is the tip's
     target p_r [m]. For q = q_y + δq, |p(q) - p_r| <= |p(q_y) - p_r + J δq| + |p''|/2, with p'' the second derivative
@@ -172,7 +172,7 @@ class _State:
 
     @property
     def point(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first three fields of a `LapSet`: θ, q, θ̇, q̇ (8,), memory (m,), next torque (2,) [N m] or (0,)."""
+        """The first three fields of a `LapSet`: θ, q, θ̇, q̇ (8,), memory (m,), delayed torque (2,) [N m] or (0,)."""
         return self.centre, self.memory, np.zeros(0) if self.waiting is None else self.waiting
 
     def around(self) -> LapSet:
