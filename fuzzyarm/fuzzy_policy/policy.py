@@ -39,8 +39,8 @@ class Predictor(Protocol):
 class Policy(abc.ABC):
     """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
-    Torques are clipped to the robot's limits, and an integral is held while it would drive a torque further beyond its
-    limit (`command`). For n joints an observation has 5 n entries and an action n. A batch has one robot per lane.
+    Torques and integrals are limited as in `command`. For n joints an observation has 5 n entries and an action n. A
+    batch has one robot per lane.
 
     Attributes:
         parameters: the two-joint arm or robot that the policy assumes.
@@ -51,7 +51,7 @@ class Policy(abc.ABC):
         torque_limit: largest torques (n,) [N m].
         action_period: time for which an action is held [s]; by default the control period.
         remake: function that makes this policy for another control period [s]; None if the user specified the period.
-        integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None without integrals.
+        integral_at: index of the first of the n integrals x_I in a lane's memory; None without integrals.
     """
 
     integral_at: int | None = None
@@ -183,7 +183,10 @@ class Policy(abc.ABC):
         return result
 
     def _meets(self, period: float, sure: bool) -> bool:
-        """Change to a control period [s]; return whether that was possible. If not, warn if the period is `sure`."""
+        """Change the control period to `period` [s] if that is possible; return whether it was.
+
+        If it was not, warn if `sure`: two successive intervals between samples had this length.
+        """
         reason = ""
         if self.remake is not None:
             try:
@@ -276,7 +279,7 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def _go_on(self, seen: np.ndarray, state: Any) -> np.ndarray:
-        """Return torques (lanes, n) [N m] for observations (lanes, 5 n), clipped by `_clipped`; advance the state."""
+        """Return torques (lanes, n) [N m] within the limits, for observations (lanes, 5 n); advance `state` too."""
 
     def _checked(self, state: Any) -> Any:
         """Return `state`; TypeError or ValueError if it does not belong to this policy."""

@@ -6,8 +6,7 @@ The law for inertia M, Coriolis matrix C, viscous friction f_v, gravity g and er
 
 with M̄ = M + R and reflected rotor inertias R: a rigid arm with disturbance torques d then follows M̄(q) ë = -M̂(q)
 (k_p e + k_d ė + k_i x_I) + d. Rule r has the gains k ⊗ S_r and the weight h_r, a product with one factor for each kept
-premise z_l, (1 - z_l)/2 or (1 + z_l)/2; the first premise changes fastest with r. Premises are cosines and sines of
-single angles or of twice an angle.
+premise z_l, (1 - z_l)/2 or (1 + z_l)/2; the first premise changes fastest with r.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 
 @dataclasses.dataclass(frozen=True)
 class Premise:
-    """A kept premise: a function of one angle, between -1 and 1."""
+    """A premise of a controller: the cosine or sine of the angle of one joint, or of twice that angle."""
 
     joint: int  # index of the joint in the robot, from 0; joint 0 turns the whole robot and changes no inertia
     function: str  # one of `FUNCTIONS`

@@ -219,7 +219,7 @@ class TSModel:
 def _descriptor_terms(
     parameters: ArmParameters, number: Callable[[float], Any] = float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return by "E" and "A" the base (4, 4) of E_p or A_p and its slopes (5, 4, 4) in z1..z5, of type `number`."""
+    """Return E(z) and A(z) by name: constant term (4, 4), factors (5, 4, 4) of z1..z5; `number` converts parameters."""
     c1, c2, c3, _, _ = _constants(parameters, number)
     motor1, motor2, viscous1, viscous2 = map(number, (*parameters.motor_inertia, *parameters.viscous_friction))
     one, two = number(1.0), number(2.0)
@@ -239,7 +239,7 @@ def _descriptor_terms(
 
 
 def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tuple[Any, ...]:
-    """Return the constants c1..c5 of the arm, (3) of the paper, as numbers of type `number`."""
+    """Return the constants c1..c5 of the arm, (3) of the paper, from its parameters converted by `number`."""
     p = parameters
     length, mass, center, inertia = (tuple(map(number, pair)) for pair in (p.length, p.mass, p.mass_center, p.inertia))
     constants: tuple[Any, ...] = inertia_and_gravity(length, mass, center, inertia, number(p.gravity))
@@ -247,7 +247,10 @@ def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tup
 
 
 def rule_products(omega: Iterable[Any], lanes: tuple[int, ...] = ()) -> np.ndarray:
-    """Return the 2^k products (*lanes, 2^k) of ω or 1 - ω over k arrays ω; the first changes fastest, 1 - ω first."""
+    """Return the 2^k products (*lanes, 2^k) of k factors, one for each of the k arrays ω (*lanes): ω or 1 - ω.
+
+    The first factor changes fastest from one product to the next; 1 - ω comes before ω.
+    """
     weights = np.ones((*lanes, 1))
     for value in omega:
         ratio = np.asarray(value)[..., np.newaxis]

@@ -3,17 +3,16 @@
 With motor and link as one body, the torques are linear in ten parameters of each link, in the frame of its joint, and
 four of each joint (rotor inertia, viscous friction, Coulomb friction and a constant offset):
 
-    Γ = Y(q, q̇, q̈) π,    π_i = (m, m c, J),    and    I_a q̈ + f_v q̇ + Γ_fc sign q̇ + offset
+    Γ = Y(q, q̇, q̈) π = Σ_i Y_i (m, m c, J)_i + I_a q̈ + f_v q̇ + Γ_fc sign q̇ + offset
 
-m is the mass, c the mass center and J the inertia about the frame's origin. The logs determine only as many
-combinations of the links' parameters as Y has independent columns (QR with pivoting); the starting robot, a weak prior,
-determines the others. A body is possible if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
+Link i has columns Y_i, mass m, mass center c and inertia J about the frame's origin. The logs determine only as many
+combinations of the links' parameters as Y has independent columns; the starting robot, a weak prior, determines the
+others. A body is possible if its pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018):
 
     [[½ tr(J) 1 - J, m c], [(m c)ᵀ, m]] > 0
 
 The alternating direction method of multipliers (ADMM) finds the best bodies, with non-negative rotor inertias and
-friction: its projection cuts off negative eigenvalues. Rows are weighted by the inverse scale of their joint's
-residuals, and rows that fit badly have less weight (Huber).
+friction: its projection cuts off negative eigenvalues. Rows that fit badly have less weight (Huber).
 """
 
 import dataclasses
@@ -182,7 +181,7 @@ class _Cones:
     def projected(self, values: np.ndarray) -> np.ndarray:
         """Return the physically possible numbers nearest to `values` (20 n,).
 
-        Both are scaled: the pseudo-inertias of the links, then the parameters of the joints.
+        Argument and result: scaled pseudo-inertias of the links, 16 entries each, then scaled parameters of the joints.
         """
         bodies = values[: self._links].reshape(self.n, DIMENSIONS + 1, DIMENSIONS + 1)
         size, turn = np.linalg.eigh(0.5 * (bodies + bodies.transpose(0, 2, 1)))

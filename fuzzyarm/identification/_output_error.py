@@ -3,18 +3,17 @@
     Σ_w ρ(|r_w(z, x_w)|² / s² + |(x_w - x̂_w) / σ_x|²) + |(z - ẑ) / σ_z|²,    r = simulated - measured
 
 is minimised over the parameters z and the initial state x_w of each window w. x̂_w is the state from the filtered log,
-ẑ are the parameters of the starting arm, σ_x and σ_z are standard deviations assumed for both, and s is the median of
-the windows' rms residuals. Cauchy's function ρ gives little weight to windows that no arm explains. Each Gauss-Newton
+ẑ are the parameters of the starting arm, σ_x and σ_z are assumed standard deviations, and s is the median of the
+windows' rms residuals. Cauchy's function ρ gives little weight to windows that no arm explains. Each Gauss-Newton
 step changes parameters and states together: states are eliminated from the normal equations (Schur complement), with
-Levenberg-Marquardt damping. Derivatives are finite differences of simulations, which run as lanes of one batch.
+Levenberg-Marquardt damping. Derivatives are finite differences.
 
-Neighbouring samples have dependent noise and dependent model errors; different logs are independent. With the Hessian
-H of the cost and the gradient g_l of the part of each of L logs, the sandwich estimator of the covariance is
+Different logs are independent; neighbouring samples are not. With the Hessian H of the cost and the gradient g_l of the
+part of each of L logs, the sandwich estimator of the covariance is
 
     cov z = H⁻¹ (Σ_l g_l g_lᵀ) H⁻¹ L / (L - 1)
 
-and the estimate has Student's distribution with L - 1 degrees of freedom. A single log gives no covariance; the
-covariance does not account for effects that the equations leave out.
+and the estimate has Student's distribution with L - 1 degrees of freedom. A single log gives no covariance.
 """
 
 from __future__ import annotations
@@ -93,7 +92,7 @@ class Fit:
         return self.search.theta(self.z[:, np.newaxis])[:, 0]
 
     def named(self) -> dict[str, float]:
-        """Return the unknowns by name, not as logarithms; also inertia of rotor 1 plus link 1 if both are free."""
+        """Return the unknowns by name, not as logarithms, and the inertia of rotor 1 plus link 1 if both are free."""
         values = np.where(self.search.exponential, np.exp(np.minimum(self.z, 50.0)), self.z)
         found = dict(zip(self.search.names, values.tolist(), strict=True))
         parts = ("inertia[0]", "motor_inertia[0]")
@@ -197,18 +196,11 @@ def fitted(
     close: float = 1e-4,
     advance: Callable[[], None] = lambda: None,
 ) -> Fit:
-    """Return the unknowns z that minimise the cost in the docstring of the module.
+    """Return the fit: the unknowns z of `search` that minimise the cost in the docstring of the module.
 
-    Args:
-        windows: the windows of all logs.
-        simulator: the plant that is simulated.
-        search: the unknowns, and the map from them to θ.
-        arm: the arm with the parameters that θ does not contain.
-        noise: noise of the angles [rad], a lower bound on s.
-        steps: largest number of Gauss-Newton steps.
-        begin: z at which the search begins (default: `search.start`).
-        close: relative decrease of the cost below which the search ends.
-        advance: called after each step. A KeyboardInterrupt ends the search at the best z so far.
+    `arm` contains the parameters that θ does not contain; `noise` is that of the angles [rad], a lower bound on s. The
+    search begins at z = `begin` (default: `search.start`). It ends after `steps` Gauss-Newton steps, when the cost
+    decreases by a share below `close`, or at a KeyboardInterrupt. `advance` is called after each step.
     """
     problem = _Problem(windows, simulator, search, arm)
     z, states = np.clip(search.start if begin is None else begin, search.low, search.high), problem.guess

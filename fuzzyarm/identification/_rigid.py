@@ -4,15 +4,14 @@ With motor and link as one body, the torques are linear in nine base parameters 
 
     Γ = Y(q, q̇, q̈) π,    π = (c1 + I_a1, m2 r2, c3, I_a2, m1 r1 + m2 L1, f_v1, f_v2, Γ_fc1, Γ_fc2)
 
-with c1 and c3 of `dynamics.Arm`. Lengths and gravity are known; in a rigid arm, c1 and I_a1 appear only as a sum.
-Samples at which a joint is slow are left out of that joint's equation. The noise of a torque includes a share of each
-of its terms, because angles and accelerations have errors, too; samples that fit badly have less weight (Huber). The
-starting arm is a prior for the first five entries, with a standard deviation of half the value, or twice it for I_a2.
+with c1 and c3 of `dynamics.Arm`. Lengths and gravity are known. Samples at which a joint is slow are left out of
+that joint's equation. The noise of a torque includes a share of each of its terms; samples that fit badly have less
+weight (Huber). The starting arm is a prior for the first five entries, with a standard deviation of half the value, or
+twice it for I_a2.
 
 The vector θ contains the parameters that logs of the motors can determine. Lengths, masses and gravity keep their
 starting values: eight parameters describe two links in a plane, but the motors' torques depend only on four
-combinations, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other
-four; mass centers and moments of inertia follow.
+combinations, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2.
 """
 
 import dataclasses
@@ -116,7 +115,7 @@ def regressor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of Y in Γ = Y π for torques 1 and 2, (N, 9) each, for q, q̇ and q̈ (N, 2), L1 [m] and g [m/s²].
 
-    Each column is the torque for one base parameter 1 and the others 0.
+    Column k is the torque when base parameter k is 1 and all other base parameters are 0.
     """
     nothing = filled(Arm, np.zeros(size(Arm)))
     ones = ({"c1": 1.0}, {"c2": length, "c5": gravity}, {"c3": 1.0}, {"c4": gravity})
@@ -176,8 +175,8 @@ def fit_rigid(motions: Sequence[Motion], start: ArmParameters) -> np.ndarray:
 def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
     """Return the arm with base parameters π (9,) and other parameters as in `start`.
 
-    The rotor's share of the inertia of link and rotor 1, and the ratio of static to Coulomb friction, are those of
-    `start`. Impossible values are moved to the nearest possible ones.
+    The share of rotor 1 in the sum of the inertias of rotor 1 and link 1, and the ratio of static to Coulomb friction,
+    are those of `start`. Impossible values are moved to the nearest possible ones.
     """
     total, mr2, c3, rotor2, mr1, *friction = base.tolist()
     (m1, m2), (l1, l2), share = start.mass, start.length, rotor_share(start)

@@ -1,13 +1,12 @@
 """Short windows of logs, and their simulation from given initial states under the logged torques.
 
-The links are not measured, and a simulation without feedback diverges within a second from the log of an arm held
-against gravity; over a short window the two stay close. There are two plants:
+Without feedback, the simulation of an arm held against gravity diverges from its log within a second. The plants are:
 
     rigid     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + g(q) = Γ - f_v q̇ - F(q̇) q̇ / √(q̇² + v_0²),    by Runge-Kutta steps
     elastic   motors and links, with exact sticking, as in the environment
 
-M_b, C and g belong to the links; I_a are rotor inertias, Γ torques, and f_v and F viscous and dry friction. The rigid
-arm's friction is smooth around q̇ = 0, because derivatives are needed; v_0 is below the encoders' resolution.
+M_b, C and g belong to the links; I_a are rotor inertias, Γ torques, and f_v and F viscous and dry friction. v_0
+makes the rigid arm's friction smooth, because derivatives are needed.
 """
 
 from __future__ import annotations
@@ -72,15 +71,10 @@ class Windows:
 
 
 def windows_of(log: Log, number: int, length: float, every: float, points: int, most: int = 10**9) -> Windows:
-    """Return the windows of a log in which the arm moves.
+    """Return the windows of a log of a two-joint arm in which the arm moves; `number` identifies the log.
 
-    Args:
-        log: a log of a two-joint arm.
-        number: `Windows.log`, which identifies the log.
-        length: length of a window [s].
-        every: time from the beginning of a window to the beginning of the next [s].
-        points: K, the number of samples of a window that are compared.
-        most: largest number of windows; if there are more, evenly spaced ones are chosen.
+    `length` is that of a window [s], and `every` the time between the beginnings of two windows [s]. `points` is K, the
+    number of samples of a window that are compared. Of more than `most` windows, evenly spaced ones are chosen.
     """
     rate = 1.0 / log.period
     cutoff = butter(4, min(_CUTOFF, 0.5 * _HIGHEST * rate), fs=rate, output="sos")
@@ -161,9 +155,9 @@ def _rigid_hold() -> Callable[..., None]:
 
 
 def _rigid_substeps(period: float, arm: ArmParameters) -> int:
-    """Return the number of sub-steps of a period [s], of 1 ms at most.
+    """Return the number of equal sub-steps into which a period [s] is divided, so that each lasts at most 1 ms.
 
-    There are more, 100 at most, if the smooth friction needs them to be stable at rest.
+    There are more sub-steps, up to 100, if a simulation of the smooth friction at rest would otherwise be unstable.
     """
     M = np.array([two_joints().mass_matrix(PerJoint(0.0, q2), arm_constants(arm)) for q2 in (0.0, 0.5 * math.pi)])
     turning = np.linalg.inv(M + np.diag(arm.motor_inertia))
@@ -183,9 +177,9 @@ def _elastic_hold() -> Callable[..., None]:
 
 
 def _elastic_states(windows: Windows, theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
-    """Return the initial states (8, S) for θ (17,); the torque of each link bends its spring.
+    """Return the initial states (8, S) of S windows for θ (17,); each spring is bent by the torque that moves its link.
 
-    The rows are motor and link angles [rad], then their velocities [rad/s].
+    The rows are motor and link angles [rad], then their equal velocities [rad/s].
     """
     constants = filled(Arm, constants_of(theta[:, np.newaxis], arm)[:, 0])
     load = rigid_inverse_dynamics(windows.q, windows.dq, windows.ddq, constants)

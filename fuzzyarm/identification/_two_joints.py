@@ -69,8 +69,9 @@ class Stages:
     def keep(self, found: Fit, untold: tuple[str, ...], *, is_elastic: bool = False, is_sticking: bool = False) -> None:
         """Adopt the result of a stage; `untold` names parameters of the rigid arm that the logs do not determine.
 
-        `is_elastic`: with springs; `is_sticking`: with exact sticking. If not searched for, the ratio of static to
-        Coulomb friction keeps its start value, as does the inertia of rotor 1 if plausible beside that of link 1.
+        `is_elastic`: the stage determines springs; `is_sticking`: it has exact sticking and very stiff springs. Any
+        other stage without static friction keeps the start's ratio of static to Coulomb friction. Unless `is_elastic`,
+        rotor 1 has its start inertia if that is 10 % to 90 % of the sum found for rotor 1 and link 1.
         """
         theta = found.theta.copy()
         if is_sticking:
@@ -92,16 +93,11 @@ class Stages:
 def estimated(
     logs: Sequence[Log], start: ArmParameters, stribeck: bool, advance: Callable[[], None] = lambda: None
 ) -> Stages:
-    """Return the results of the stages for the logs of one arm, see the module's docstring.
+    """Return the results of the stages for logs of both motors of one arm, see the module's docstring.
 
-    Args:
-        logs: logs of both motors.
-        start: the arm from which the search begins.
-        stribeck: whether static friction is also unknown.
-        advance: called after each step. A KeyboardInterrupt ends the stages; the results so far are returned.
-
-    Raises:
-        ValueError: the arm rests in all logs.
+    The search begins at the arm `start`; `stribeck` says whether static friction is also unknown. `advance` is called
+    after each step. A KeyboardInterrupt ends the stages; the results so far are returned. ValueError: the arm rests in
+    all logs.
     """
     stages = Stages(start, start)
     try:
@@ -155,9 +151,10 @@ def _run(stages: Stages, logs: Sequence[Log], stribeck: bool, advance: Callable[
         return found
 
     def held_out(found: Fit, simulator: Simulator, parts: list[Windows], arm: ArmParameters = start) -> np.ndarray:
-        """Return the joints' rms errors (2,) [rad], each group predicted with `found` refitted to the other groups.
+        """Return the held-out rms errors (2,) [rad] of the two joints.
 
-        `parts` are the windows to refit to; `arm` is as for `fitted`.
+        Each group of windows is predicted with `found` refitted to the windows of `parts` in the other groups; `arm` is
+        as for `fitted`.
         """
         errors = []
         for group in range(dealt.groups):
@@ -298,7 +295,7 @@ def _rigid_search(
 def _elastic_search(arm: ArmParameters, friction: np.ndarray) -> Search:
     """Return the search that includes rotors, springs and dampers, with `arm` as a prior.
 
-    `friction` (4,) is its standard deviation of the joints' viscous [N m s/rad], then dry friction [N m].
+    `friction` (4,): the prior's standard deviations of both joints' viscous [N m s/rad], then dry friction [N m].
     """
     names = [one.name for one in UNKNOWNS if one.field not in ("static_friction", "stribeck_velocity")]
     theta, ratio = start_of(arm), static_ratio(arm)

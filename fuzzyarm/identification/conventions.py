@@ -5,9 +5,8 @@ A set of conventions is a reading of the log, with the misfit
 
     J² = min over π of (Σ |(Γ - Y π) / s|² + Σ_k ((π_k - π_0k) / σ_k)²) / Σ |Γ / s|²
 
-where s is a share of the largest rms torque, σ_k a standard deviation, and `_rigid` defines Y and π. Readings with one
-or two changes are compared. Each change must lower J by a minimum share; the best reading is reported only if its J is
-below `_SPOKEN` times the J without changes. A change of the torques' scale alone needs several logs.
+where s is a share of the largest rms torque, σ_k a standard deviation, and `_rigid` defines Y and π. Each change must
+lower J by a minimum share; the best reading is reported only if its J is below `_SPOKEN` times the J without changes.
 """
 
 import dataclasses
@@ -112,10 +111,9 @@ class Diagnosis:
 def diagnosed(logs: Sequence[Log], start: ArmParameters, gear: Sequence[float] = ()) -> Diagnosis:
     """Return the likely conventions of logs of one arm, the same for all.
 
-    Args:
-        logs: angles [rad] and torques [N m] of two joints, shape (N, 2) each, as `read_log` returns them.
-        start: an arm with the right lengths; its masses may be wrong by half, other parameters by more.
-        gear: the ratio or ratios with which the logs were converted to the joint's side, perhaps by mistake.
+    The logs have angles [rad] and torques [N m] of two joints, (N, 2) each, as `read_log` returns them. `start` is an
+    arm with the right lengths; its masses may be wrong by half, other parameters by more. `gear` is the ratio or ratios
+    with which the logs were converted to the joint's side, perhaps by mistake.
     """
     data = [_Thinned(log) for log in logs]
     largest = math.sqrt(max(np.mean(np.concatenate([one.torque() ** 2 for one in data]), axis=0).max(), 1e-18))
@@ -189,7 +187,7 @@ class _Thinned:
         self._torque, self._period = motion.torque, log.period
 
     def torque(self, delay: float = 0.0) -> np.ndarray:
-        """Return the smooth torques (N, 2) [N m], taken `delay` [s] after the instants."""
+        """Return the smoothed torques (N, 2) [N m] at times `delay` [s] after the N instants of this motion."""
         at, every = self._chosen + delay / self._period, np.arange(len(self._torque))
         return np.stack([np.interp(at, every, one) for one in self._torque.T], axis=1)
 
@@ -197,9 +195,10 @@ class _Thinned:
 def _misfit(
     data: Sequence[_Thinned], reading: Reading, start: ArmParameters, largest: float
 ) -> tuple[float, float, float]:
-    """Return (1) the misfit J, (2) the root of the unexplained share of Σ |Γ / s|², (3) this sum.
+    """Return (1) the misfit J, (2) the root of Σ |(Γ - Y π) / s|² / Σ |Γ / s|² for the π of J, (3) Σ |Γ / s|².
 
-    s is a share of `largest`, the largest rms torque [N m].
+    Γ are the torques of `data` converted by `reading`; Y and π_0 belong to the arm `start`. s is proportional to
+    `largest`, the largest rms torque [N m].
     """
     normal, slope, total = np.zeros((9, 9)), np.zeros(9), 0.0
     for one in data:
@@ -215,9 +214,10 @@ def _misfit(
 
 
 def _constrained(normal: np.ndarray, slope: np.ndarray, total: float, known: np.ndarray) -> tuple[float, float]:
-    """Return the first two results of `_misfit`, given the normal equations `normal` (9, 9) π = `slope` (9,).
+    """Return the first two results of `_misfit`; the minimum is over π >= 0 with the first five entries near π_0.
 
-    `total` is Σ |Γ / s|², and `known` is π_0 (5,).
+    Without these conditions, the normal equations are `normal` (9, 9) π = `slope` (9,). `total` is Σ |Γ / s|², and
+    `known` is π_0 (5,).
     """
     floor = _LEAST * known[[0, 4, 0, 0, 4]]
     weight = 1.0 / np.maximum(_KNOWN * known, np.maximum(floor, 1e-9)) ** 2

@@ -87,7 +87,7 @@ def read_log(
         units: unit, or its size in SI units, of time, q, dq or tau, or of one column such as tau2, where the file
             states no unit or a wrong one.
         gear: gear ratios, one or one per joint, if the log refers to the motors' side; they divide q and multiply tau.
-        delay: time [s] by which torques are recorded later than the angles that they belong to.
+        delay: time [s] by which torques are recorded later than their angles.
 
     Raises:
         ValueError: the format of the file is unknown, or a column is missing, ambiguous, without numbers or in an
@@ -212,7 +212,10 @@ def _meaning(name: str) -> tuple[str, str]:
 
 
 def _labels(guessed: Collection[tuple[str, str]]) -> list[str]:
-    """Return the joints' labels from pairs (kind, label): the numbered ones, else those with an angle and a torque."""
+    """Return the labels of the joints, in order, from pairs (kind, label) such as ("q", "1") for angle 1.
+
+    They are the whole numbers that label angles or torques; without any, the labels of both an angle and a torque.
+    """
     numbered = {label for kind, label in guessed if kind in ("q", "tau") and label.isdecimal()}
     if numbered:
         return sorted(numbered, key=int)
@@ -299,7 +302,7 @@ def _pieces(
             )
 
     def sizes(kind: str, other: float | None = None) -> np.ndarray:
-        """Return the factors (n,) to SI units of the joints' columns of a kind; `other` replaces an unknown factor."""
+        """Return factors (n,) that convert the joints' columns of a kind to SI; `other` replaces an unknown factor."""
         common = size[kind] or other or 1.0
         one = [{kind: units[f"{kind}{j}"]} if f"{kind}{j}" in units else None for j in range(1, joints + 1)]
         return np.array([common if own is None else _unit(table, kind, [], own) or common for own in one])
@@ -327,7 +330,10 @@ def _pieces(
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that `Log` refuses
 def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) -> np.ndarray:
-    """Return an angle (N,) without jumps by `turn`, 360 or, for whole numbers, a power of two; a remark names it."""
+    """Return an angle (N,) without its jumps; if there are any, a remark with its `name` is added to `remarks`.
+
+    A jump has the size of a `turn`, or else 360, or else, if all values are whole numbers, a power of two.
+    """
     steps, counters = np.diff(angle), _COUNTERS if (angle == np.round(angle)).all() else ()
     span = np.ptp(angle) / (1.0 + _WRAPPED)
     for size in (turn, 360.0, *counters):
@@ -343,10 +349,11 @@ def _unwrapped(angle: np.ndarray, turn: float, name: str, remarks: list[str]) ->
 
 @np.errstate(over="ignore", invalid="ignore")
 def _stray(time: np.ndarray, angle: np.ndarray, torque: np.ndarray, names: list[str], remarks: list[str]) -> np.ndarray:
-    """Return the mask (N,) of rows with a stray angle or torque, (N, n) each, in any unit; `names` are for remarks.
+    """Return the mask (N,) of rows with a stray angle or torque, (N, n) each, in any unit.
 
     A stray value differs from the running median: a torque by many times the largest running median, an angle by far
-    more than the steps nearby. ValueError: too many rows have a stray value.
+    more than the steps nearby. Each column with stray values gets a remark with its name; `names` are those of the
+    angles, then of the torques. ValueError: too many rows have a stray value.
     """
     middle = median_filter(torque, (_NEAR, 1))
     lasting = np.maximum(np.abs(middle).max(axis=0), np.quantile(np.abs(torque), _USUAL, axis=0))
@@ -376,7 +383,7 @@ def _away(angle: np.ndarray) -> np.ndarray:
 
 
 def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.ndarray:
-    """Return times (N,) [s] since the first stamp; `unit` [s] of None: guessed from the median step, with a remark."""
+    """Return times (N,) [s] since the first stamp; a `unit` [s] of None is guessed from the steps, with a remark."""
     steps = np.diff(stamps)
     if not (steps > 0.0).any():
         raise ValueError("its time column never increases; choose another column with --columns time=NAME")
@@ -396,7 +403,10 @@ def _seconds(stamps: np.ndarray, unit: float | None, remarks: list[str]) -> np.n
 
 
 def _cut(time: np.ndarray, signals: np.ndarray, remarks: list[str]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return (times [s], signals) of the long parts between gaps, without rows back in time; remark on the others."""
+    """Return (times [s], signals) of each long part between gaps, without rows that are not later than all rows before.
+
+    What is left out is noted in `remarks`.
+    """
     steps = np.diff(time)
     longest = max(_GAP * float(np.median(steps[steps > 0.0])), _LEAST_GAP)
     gaps = np.flatnonzero(np.abs(steps) > longest) + 1
@@ -428,7 +438,8 @@ def _even(
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the period [s], and `lines` (N, m) and mean torques (N, n) at instants one period apart.
 
-    A mean is over the period that begins `delay` [s] after the instant. Uneven stamps get a remark.
+    `lines` are interpolated linearly. A mean is over the period that begins `delay` [s] after the instant. Uneven
+    stamps are noted in `remarks`.
     """
     steps = np.diff(stamps)
     period = float(np.median(steps))
@@ -461,7 +472,7 @@ def held_mean(stamps: np.ndarray, torque: np.ndarray, at: np.ndarray, period: fl
 
 
 def _trimmed(log: Log, remarks: list[str]) -> Log:
-    """Return a log from which most of the idle time at both ends is cut off."""
+    """Return a log without most of the idle time at both ends; if time is cut off, this is noted in `remarks`."""
     near = _MOVED * np.ptp(log.angle, axis=0)
     moving = [np.flatnonzero((np.abs(log.angle - log.angle[k]) > near).any(axis=1)) for k in (0, -1)]
     if not (moving[0].size and moving[1].size):

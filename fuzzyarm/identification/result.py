@@ -269,7 +269,7 @@ def _named(arm: ArmParameters) -> dict[str, float]:
 
 
 def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
-    """Return ranges of rotor inertia and stiffness: the interval if there is one, else a wide range about the value."""
+    """Return ranges of rotor inertia and stiffness: the parameter's interval in `rows`, or a wide range without one."""
     arm, by_name = stages.arm, {row["name"]: row for row in rows}
     rotors, springs = [], []
     for joint in (0, 1):
@@ -292,7 +292,7 @@ def _ranges(stages: Stages, rows: list[dict[str, Any]]) -> Ranges:
 
 
 def _is_doubtful(stages: Stages) -> bool:
-    """Return whether a joint's error exceeds `_DOUBTFUL` times its motion.
+    """Return whether the held-out rms error of any joint exceeds `_DOUBTFUL` times the rms motion of that joint.
 
     The error is that of the last stage adopted among rigid, sticking and elastic.
     """

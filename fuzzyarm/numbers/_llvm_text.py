@@ -30,7 +30,7 @@ _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
 
 
 def _row_of(item: Any) -> Any:
-    """Return row and table of a look-up, the key by which look-ups are grouped; None for other items."""
+    """Return the pair (row, table) of a look-up, by which look-ups are grouped; None for other items."""
     if isinstance(item, Symbol) and item.operation == "row":
         return item.operands[0] if isinstance(item.operands[0], float) else id(item.operands[0]), item.detail[0]
     return None
@@ -203,7 +203,7 @@ class _Writer:
         self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
     def first_of_row(self, table: Any, of: Any) -> str:
-        """Return the offset of row `of` in its table; an index outside the table selects the nearest row."""
+        """Return the LLVM name of the index of the first number of row `of`, or of the nearest row if it is outside."""
         place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
         positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # false for nan
         place = self.new(f"select {self.truth} {positive}, {self.real} {place}, {self.real} {zero}")
@@ -213,7 +213,7 @@ class _Writer:
         return self.new(f"mul nsw {self.word} {row}, {self.splat('i64', str(table.columns))}")
 
     def entry(self, one: Symbol, out: str) -> None:
-        """Write the load of an entry of a table's row, with the result `out`; the column may depend on loops."""
+        """Write the instructions that load the entry `one` of a row of a table, as the LLVM value named `out`."""
         table, constant, terms = one.detail
         first, column = self.first_of_row(table, one.operands[0]), self.place(constant, terms)
         if self.width > 1:
@@ -229,7 +229,7 @@ class _Writer:
             self.put(f"{out} = {self.call(self.real, name, *given, (self.real, 'zeroinitializer'))}")
 
     def rows(self, group: Sequence[Symbol]) -> None:
-        """Write the loads of entries of one row of a table; an index outside the table selects the nearest row."""
+        """Write the loads of entries of one row of a table."""
         table, _ = group[0].detail
         first = self.first_of_row(table, group[0].operands[0])
         if self.width == 1:
@@ -262,7 +262,7 @@ class _Writer:
         return list(v)
 
     def load_rows(self, pointers: Sequence[str], count: int) -> list[str]:
-        """Load `count` numbers from each arm's pointer on; return a vector for each number, with one entry per arm."""
+        """Load `count` successive numbers at each arm's pointer; return, for each number, a vector of all arms."""
         found = []
         for first in range(0, count, EIGHT):
             size, lanes = min(EIGHT, count - first), []
@@ -391,7 +391,7 @@ class _Writer:
                 self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
 
     def pointer(self, port: int, k: str) -> str:
-        """Return the pointer to number k of a port for the group's first arm; for `ROWS`, pointers for all its arms."""
+        """Return the pointer to number k of a port for the first arm; in `ROWS`, a vector of pointers for all arms."""
         layout, kind = self.layouts[port], "i64"
         apart = {PortLayout.ROWS: "1", PortLayout.BLOCKS: str(WIDE), PortLayout.COLUMNS: f"%stride{port}"}[layout]
         step = self.new(f"mul i64 {k}, {apart}")
@@ -402,9 +402,9 @@ class _Writer:
         return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
     def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
-        """Return a port's type of pointers, and the LLVM function that loads or stores numbers for some arms only.
+        """Return the type of a port's pointers, and the LLVM function that loads or stores numbers for some arms only.
 
-        It is `of_rows` (gather or scatter) for `ROWS`, else `of_columns` (load or store).
+        The function is `of_rows` (gather or scatter) for a port in `ROWS`, else `of_columns` (load or store).
         """
         if self.layouts[port] is PortLayout.ROWS:
             return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
@@ -492,7 +492,10 @@ class _Writer:
         self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
-        """Return each run of array entries: port, first index in the port, first among all numbers, and length."""
+        """Return (port, index in the port, index among all numbers, length) for each run of numbers that are in arrays.
+
+        Both indices are those of the first number of the run.
+        """
         found, place = list[tuple[int, int, int, int]](), 0
         for port, count in enumerate(self.program.ports):
             for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
@@ -514,7 +517,7 @@ class _Writer:
                 self.put(f"store {self.real} {k}.held, ptr {own}, align 8")
 
     def room(self, place: Any) -> str:
-        """Return the pointer to a number in the group's own memory."""
+        """Return the name of a pointer to the memory for number `place`, its index among the numbers of all ports."""
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def whole_text(self) -> str:

@@ -1,7 +1,7 @@
 """The functions that equations use beyond arithmetic and comparisons, for every kind of number.
 
-Each kind of number has a class with these functions as static methods; `KINDS` maps the type of a number to that class.
-Floats need no class: each function computes with them in Python.
+Each kind of number has a class in `KINDS` with these functions as static methods. Floats need no class: each function
+computes with them in Python.
 """
 
 import dataclasses
@@ -82,7 +82,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function() where the condition holds, else `otherwise`, of equal size; called if it holds for any arm."""
+    """Return function(), called if the condition holds for any arm, where it holds; else `otherwise`, of equal size."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
@@ -96,7 +96,7 @@ def word(x: Any) -> Any:
 
 
 def bits(of: Any) -> Any:
-    """Return the number that has the 64 bits of a uint64, so that words can be stored in an array of numbers."""
+    """Return the floating-point number with the same 64 bits as a uint64, so that arrays of floats can store words."""
     kind = KINDS.get(type(of))
     return kind.bits(of) if kind else of.view(np.float64)
 
@@ -173,5 +173,5 @@ def like(tree: Any, numbers: Iterator[Any], cells: Callable[[Cells], Any] | None
 
 
 def zeros(tree: Any) -> Any:
-    """Return a tree with the structure of `tree` in which all numbers are zero; `Cells` stay."""
+    """Return a tree with the structure of `tree` in which all numbers are zero and each `Cells` object is unchanged."""
     return like(tree, itertools.repeat(0.0), lambda cells: cells)

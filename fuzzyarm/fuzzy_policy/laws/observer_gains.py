@@ -2,17 +2,16 @@
 
 The arm (motors, links, and a load d on the links) is linearised at rest and sampled over a control period. Gravity's
 slope, Coriolis torques and dry friction are left out, so that it depends on the mass matrix M alone; the gains are
-tabulated over the angles that M depends on most, see `gain_schedule`. The gains have the same bits on every processor,
-see `riccati`; `elastic_observer` describes their use.
+tabulated over the angles that M depends on most, see `gain_schedule`.
 
-Default gains are to stabilise a robot, linearised like this, at random postures; near rest, a law with memory s is
+Near rest, a law with memory s is
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
 where x is the plant's state (4 n,), κ a factor on the gain, and u is held over a period, at once or one period late.
 
 `ObserverWeights` were tuned for the two-joint arm. If a robot's mass matrix depends on more angles than the table of
-gains, the feedback is too strong, and the loop may be unstable in part of the range. The substitutions
+gains, the loop may be unstable in part of the range. The substitutions
 
     link_angle → σ link_angle,    link_velocity → √σ link_velocity
 
@@ -73,8 +72,6 @@ class ObserverWeights:
 
     The first four defaults were chosen by ``python benchmarks/observer_tuning.py`` (commit 2839bc83) for the smallest
     tip error over random arms within stability margins. The last two are the encoder noise of the README's examples.
-
-    Torques are relative to the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
     """
 
     # link angle error [rad] that costs as much as the torque limit, weight 1/link_angle² against 1/Γ_max²
@@ -118,9 +115,10 @@ def _sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tup
 
 
 def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Any) -> np.ndarray:
-    """Return K (..., n, 4 n), the linear quadratic regulator for mass matrices `inertia`; nan if none exists.
+    """Return the gain K (..., n, 4 n) of the linear quadratic regulator u = -K x for mass matrices `inertia`.
 
-    It minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|². The weights are `ObserverWeights` or the
+    x = (θ, q, θ̇, q̇) is sampled every `control_period` [s]; K is nan where no regulator exists. The regulator
+    minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|². The weights are `ObserverWeights` or the
     `AdaptiveWeights` of `adaptive.belief`.
     """
     (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
@@ -249,7 +247,7 @@ def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
 
 
 def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
-    """Return the loop's matrix for plant state and memory (x, s), or for (x, s, u) if u acts one period late."""
+    """Return the loop's matrix for (x, s), or (x, s, u) if `condition` delays u; `plant` is (A, B) of `Place.plant`."""
     joints, states = law.D.shape
     state = estimate_parts(joints).state
     A, B = plant[0][state, state], plant[1][state]
@@ -292,7 +290,7 @@ def softened(weights: Any, factor: float) -> Any:
 
 
 def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
-    """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n); its memory predicts (x, d)."""
+    """Return the observer linearised at rest, with K (n, 4 n), L (5 n, 2 n) and, as memory, the predicted (x, d)."""
     robot, joints = place.robot, len(place.robot)
     part = estimate_parts(joints)
     state = part.state

@@ -5,9 +5,8 @@ the target's feedforward u_ff:
 
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
-For the fuzzy law this is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r for θ_d, and L at the measured
-and at the desired premises. θ_d is a twice differentiable reference like q_d, so the inequalities of the certificate
-also hold for it; the disturbance d then includes other torques, see `tip_statement`.
+θ_d is a twice differentiable reference like q_d, so the inequalities of the certificate also hold for it; the
+disturbance d then includes other torques, see `tip_statement`.
 """
 
 from __future__ import annotations
@@ -73,7 +72,10 @@ class TipPolicy(LawPolicy):
         return TorqueLearning(self)
 
     def _act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fill `torque` with the wrapped law for θ_d; return the law's own feedforward and u_ff (lanes, n) [N m]."""
+        """Fill `torque` with the torque of the wrapped law, which tracks θ_d.
+
+        Return the feedforward contained in this torque, and the feedforward u_ff that replaces it, (lanes, n) [N m].
+        """
         law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
         target, measured = np.empty((len(observation), 3 * self.joints)), slice(2 * self.joints)
@@ -87,7 +89,7 @@ class TipPolicy(LawPolicy):
 
 @functools.cache
 def _law_of(physics: Physics, law: Any) -> Any:
-    """Return a `Law.act` that calls `law`, a wrapped `Law.act`, for θ_d, and replaces its feedforward by u_ff."""
+    """Return a `Law.act` that calls the wrapped `Law.act`, `law`, with the reference θ_d, and u_ff as feedforward."""
     target = target_of(physics)
 
     def tip(memory: tuple[Any, Past], seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:

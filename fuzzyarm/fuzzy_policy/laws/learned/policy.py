@@ -1,4 +1,4 @@
-"""The policy of a bundle, with the `predict` of every policy; it needs no learning library."""
+"""The policy of a bundle, which is used like any other policy and needs no learning library."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next, the torque is u(t) = scale · a_k, with a_k smoothed as in `ActionDefinition`.
-    With a base it is the base's torque for a target shifted by scale · a_k. The state contains the number of
-    calls since the action was computed, the action, and the memories of features, base and recurrent network.
+    With a base it is the base's torque for a target shifted by scale · a_k.
     """
 
     def __init__(
@@ -55,7 +54,7 @@ class LearnedPolicy(LawPolicy):
         self.memory_size = len(flat(self.control_law.memory))
 
     def without_dry_friction(self) -> LearnedPolicy:
-        """Return this policy for an arm without dry friction: base and features omit it, the network stays."""
+        """Return this policy with the same network, but without dry friction in its base and its features."""
         base = None if self.base is None else self.base.without_dry_friction()
         return LearnedPolicy(self.bundle, self.control_period, self._arm, base, friction=False)
 
@@ -87,7 +86,10 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """A lane's memory: calls since the last action (0: one is due), the action, memories of features, base, network."""
+    """The memory of a lane: the last action, and the memories of the features, of the base policy and of the network.
+
+    `phase` is the number of calls since that action was computed, 0 if the next call computes a new action.
+    """
 
     phase: Any
     action: Any
