@@ -1,8 +1,7 @@
 """The C text of a recorded program: one statement per operation, in the order of the law's source; loops stay loops.
 
 Unused operations are left out. An operation that is used once, in the region where it is computed, is written in
-brackets at its use, which changes neither its operands nor its rounding. The source contains its own C functions, which
-replace those of the math library and give the same bits.
+parentheses at its use. The source contains C functions that replace those of the math library and give the same bits.
 """
 
 import functools
@@ -72,7 +71,7 @@ class _Program(Program):
         return like(own.result, results)
 
     def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> _Function:
-        """Record a function and return it; calling it with nan for each number shows the shape of its result."""
+        """Record a function and return the record; a call with nan for each number shows the shape of the result."""
         result = function(*like(arguments, itertools.repeat(math.nan)))
 
         def whole(given: Any, *_: Any) -> tuple[Any, Any]:
@@ -219,7 +218,7 @@ void {name}_init({name}_state *state);
 
 
 def program_of(policy: Policy, *, limits_given: bool = False) -> Recorded:
-    """Return the program of a policy; `Unsupported` if it has no law, has too large tables, or cannot be written in C.
+    """Return the program of a policy; `Unsupported` if it has no law, its tables are too large, or C cannot express it.
 
     With `limits_given`, the memory begins with the torque limits [N m].
     """
@@ -307,7 +306,7 @@ class _Uses:
     """The symbols needed by the outputs of a program, and where they are used."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
-        """Find the symbols backwards from the outputs and from what is stored in memory that is kept between steps."""
+        """Find the symbols from which the outputs and the memory that is kept between steps are computed."""
         # For each needed symbol, the regions where it is used; None where its text must be a name.
         self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
         self.read = {"room"}  # the memories from which numbers are needed, and the kept one
@@ -563,7 +562,10 @@ def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
 
 
 def _wrapped(texts: Iterable[str], indent: str, further: str) -> list[str]:
-    """Return lines with these texts, separated by commas; lines after the first have the indent `further`."""
+    """Return `texts`, separated by commas, as lines of at most `_WIDTH` characters.
+
+    `indent` begins the first line, `further` every later line.
+    """
     form = textwrap.TextWrapper(_WIDTH, indent, further, break_long_words=False, break_on_hyphens=False)
     return [line.replace("\0", " ") for line in form.wrap(", ".join(text.replace(" ", "\0") for text in texts))]
 

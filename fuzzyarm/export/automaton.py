@@ -72,15 +72,14 @@ for _name in ("sin", "cos", "exp"):
 def export_automaton(label: str, policy: Policy, problem: Problem, folder: Path) -> list[Path]:
     """Write the problem of a bound on the tip error as NAME.xml, NAME.cfg, NAME.csv and NAME.onnx; return the files.
 
-    The automaton has the states `th`, `q` [rad], `dth`, `dq` [rad/s] of motors and links, the clock `s` [s], the held
-    torques `u` [N m], the law's output `law` at a sample, and as constants the factors and the payload [kg] of the set
-    of plants. NAME.cfg contains the box of initial states and the ranges of the constants, NAME.csv the reference at
-    every sample. NAME.onnx is the law as written by `export_onnx`.
+    NAME is the C identifier for `label`. The automaton has the states `th`, `q` [rad], `dth`, `dq` [rad/s] of motors
+    and links, the clock `s` [s], the held torques `u` [N m], the law's output `law` at a sample, and as constants the
+    factors and the payload [kg] of the set of plants. NAME.cfg contains the box of initial states and the ranges of the
+    constants, NAME.csv the reference at every sample, NAME.onnx the law as written by `export_onnx`.
 
-    Raises:
-        ValueError: the problem has a robot other than a two-joint arm, a disturbance, encoder errors, delayed torques,
-            arbitrary friction, an additional tip force, or a shield with a guest; or `export_onnx` refuses the policy.
-        OSError: a file exists or cannot be written.
+    ValueError if the problem has a robot other than a two-joint arm, a disturbance, encoder errors, delayed torques,
+    arbitrary friction, an additional tip force, or a shield with a guest, or if `export_onnx` refuses the policy;
+    OSError if a file exists or cannot be written.
     """
     plants = problem.plants
     odd = {
@@ -146,9 +145,10 @@ def _xml(problem: Problem, constants: list[str]) -> str:
 
 
 def _equations(problem: Problem, constants: list[str]) -> tuple[list[str], list[str], Any]:
-    """Return as text the motors' net torques u - Γ_t and static frictions F(0), and a function of the motors' modes.
+    """Return as texts u - Γ_t, motor minus joint torque, and static friction F(0) of each motor, and a function.
 
-    The function returns the time derivatives by variable.
+    The function takes the motors' directions σ and returns the text of each variable's time derivative.
+    `constants` are the names of the factors and of the payload.
     """
     assert isinstance(problem.parameters, ArmParameters)
     plant, factors = dynamics.plant_of(problem.parameters), {name: _Text(name) for name in constants}

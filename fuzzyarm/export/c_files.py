@@ -163,9 +163,9 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
 
 
 def sources_of(label: str, policy: Policy, number: str, *, limits_given: bool = False) -> dict[str, str]:
-    """Return header and source of a policy by file name; arguments and errors as for `export_c`.
+    """Return the texts of a policy's C header and source by file name; arguments and errors as for `export_c`.
 
-    With `limits_given`, the memory begins with the torque limits [N m], which are set after ``_init``.
+    With `limits_given`, the memory in C begins with the torque limits [N m], which the caller sets after ``_init``.
     """
     name = c_name(label)
     try:
@@ -217,7 +217,7 @@ def digest_of(source: str, name: str) -> str:
 
 
 def _cost_line(label: str, number: str, digest: str) -> str:
-    """Return the sentence on the memory and instructions that a law needs, or that its source was not measured.
+    """Return a sentence on the memory and instructions that a law needs, or a sentence that they were not measured.
 
     `label` is the law's name, `number` its type of numbers, `digest` that of its source.
     """

@@ -139,7 +139,7 @@ class _Graph:
         return name
 
     def looked_up(self, column: np.ndarray, place: Any) -> Any:
-        """Return the entry of a table's column at index `place`; beyond it, the nearest entry; for nan, the first."""
+        """Return a table column's entry at index `place`; outside the column, the nearest entry; for nan, the first."""
         last = float(len(column) - 1)
         within = self.apply("select", self.apply("<", place, last), place, last)
         row = self.apply("select", self.apply(">", place, 0.0), within, 0.0)
@@ -189,7 +189,7 @@ class _Graph:
 
 
 class _Run:
-    """A run of a program in which each operation becomes a graph's node; `outputs`: the final numbers of all ports."""
+    """A run of a program that adds nodes to a graph; `outputs` are the returned numbers or their tensors' names."""
 
     def __init__(self, graph: _Graph, program: Program, inputs: Sequence[Any]) -> None:
         self._graph, self._program = graph, program

@@ -20,7 +20,7 @@ __all__ = [
 
 
 class Drives(NamedTuple):
-    """Quantities of motors and springs: each a value per joint, the value of a single joint, or a row of an array."""
+    """Quantities of motors and springs; each is a tuple with a value for every joint, or the value of one joint."""
 
     motor_inertia: Any
     viscous_friction: Any

@@ -2,9 +2,10 @@
 
     act(memory, seen, constants, *tables) -> (memory, torque)
 
-`memory` is a tree of numbers, all zero when an episode begins; each part of `seen`, an `Observation`, is a record with
-one number per joint; `constants` is a tree of floats; rows of a table are read by `numbers.functions.row`. Torques are
-not clipped. It also runs on floats; machine code and C are generated from a recording of its operations.
+`memory` is a tree (nested tuples) of numbers, all zero when an episode begins; each part of `seen`, an `Observation`,
+is a record with one number per joint; `constants` is a tree of floats; rows of a table are read by
+`numbers.functions.row`. Torques are not clipped. `act` also runs on floats; machine code and C are generated from a
+recording of its operations.
 """
 
 from __future__ import annotations
@@ -116,7 +117,6 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _lawful(self) -> bool:
-        """Whether the methods that compute torques from the law are not overridden, see `law_of`."""
         return law_of(self) is not None
 
     @functools.cached_property

@@ -45,7 +45,7 @@ class Past(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """The motors' target: angles θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], joint by joint."""
+    """The motors' target: angle θ_d [rad], velocity θ̇_d [rad/s] and acceleration θ̈_d [rad/s²], joint by joint."""
 
     q: Any
     dq: Any
@@ -73,8 +73,8 @@ def past_of(joints: int) -> Past:
 def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) -> tuple[Any, Any, Any, Any]:
     """Return one motor's θ_d, θ̇_d, θ̈_d and u_ff [N m] without dry friction, for q_d [rad] and its derivatives.
 
-    `torques` are τ_d [N m] of this sample and of the three before it, the latest first; `drive` are the `Drives` of the
-    joint, T [s] is the control period.
+    `torques` has τ_d [N m] of this sample and of the three before it, the latest first; `drive` is the `Drives` of the
+    joint, and T [s] is the control period.
     """
     now, latest, second, third = torques
     k, b = drive.stiffness, drive.damping / drive.stiffness
@@ -138,12 +138,10 @@ class ElasticTarget:
         return target_of(equations_of(self._parameters))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
-        """Fill `target` (lanes, 3 n) with θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²]; advance the memory.
+        """Fill `target` (lanes, 3 n) with θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²]; advance the memory.
 
-        `feedforward` (lanes, n) is filled with the unclipped u_ff [N m].
-
-        Only the reference in `observation` (lanes, 5 n) is used. A memory (lanes, memory_size) of zeros begins an
-        episode with the arm at rest.
+        `feedforward` (lanes, n) becomes the unclipped u_ff [N m]. Only the reference in `observation` (lanes, 5 n) is
+        used. A memory (lanes, memory_size) of zeros begins an episode with the arm at rest.
         """
         self._kernel((memory, observation, target, feedforward), self._numbers)
 

@@ -35,10 +35,10 @@ class ShieldedPolicy(LawPolicy):
     """The policy `guest`, with torques kept within δ of those of `law`; the memory is the law's, then the guest's."""
 
     def __init__(self, law: Policy, guest: Policy, margin: Any, *, beside: bool = False) -> None:
-        """Store law, guest and δ = `margin` (n,) [N m]; if `beside` is true, the guest's torque is added to the law's.
+        """Store law, guest and the bound δ = `margin` (n,) [N m] on |u - u_f|.
 
-        ValueError if the law is not a `Law`, guest and law are for different arms or control periods, or δ is not a
-        positive number for each joint.
+        π is the guest's torque, plus u_f if `beside` is true. ValueError if the law is not a `Law`, guest and law are
+        for different arms or control periods, or δ is not a positive number for each joint.
         """
         super().__init__(instance("law", law, Policy).parameters, law.control_period)  # type: ignore[type-abstract]
         instance("guest", guest, Policy)  # type: ignore[type-abstract]

@@ -5,8 +5,8 @@ gains, recorded along the paper's path without load or noise, at the nearest pos
 
     (x, F) ← (x, F) + L (y - (θ, θ̇)).
 
-F includes the force along the path, in the direction of travel at that posture. Unlike the adapting loop, this loop is
-linear at a posture.
+F is the whole tip force: the filter's free force, plus its force along the path in the direction of travel at that
+posture. Unlike the adapting loop, this loop is linear at a posture.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ F_1(m) = F_1(m_0) + (m - m_0) G, and the next passes use the payload for which t
 
 A force that represents a payload varies with the tip's acceleration, as does a force estimated with a wrong payload. In
 later passes the force varies too little to determine the payload. A law that assumes a negative payload, which the
-filter allows because links may be lighter than modelled, loses control of a heavier arm.
+filter allows, loses control of a heavier arm.
 
 A pass that leaves the previous pass's path stops using the expected force, since forces are known by sample, not by
 position; payload, constants and delay keep their learned values until its end.
@@ -122,7 +122,7 @@ class AdaptivePasses(PassLearner):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return the `Beliefs` after the last sample, lane by lane; their force is the expected plus the estimated."""
+        """Return each lane's `Beliefs` after the last sample; their force is the expected plus the estimated force."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -176,10 +176,6 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
 
 
 def _lines(force: np.ndarray) -> np.ndarray:
-    """Return the force lines (samples, lanes, 2 · axes), see `Scratch`, of a force (samples, lanes, axes).
-
-    They are the force's mean up to the next sample, then its change up to there, which is 0 at the last sample.
-    """
     later = np.concatenate([force[1:], force[-1:]])
     return np.concatenate([0.5 * (force + later), later - force], axis=2)
 
@@ -209,7 +205,10 @@ class _Notes(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """A sample for the smoother: measurements, variances, `_lines` of forces to the next sample, and commands [N m]."""
+    """A sample for the smoother: measurements, their variances, lines of two forces, and commands [N m].
+
+    A line is the mean of a force until the next sample, then the change of this force.
+    """
 
     measured: Any  # θ and θ̇ (2 n,)
     variances: Any  # (2 n,)
@@ -234,7 +233,7 @@ class _Smoother:
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Prepare a filter for the policy's arm with known constants; torque jumps do not raise its variances."""
+        """Prepare a filter with known constants of the policy's arm, in which torque jumps increase no variance."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)
@@ -273,10 +272,10 @@ class _Smoother:
         return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return the filter's memories (lanes, size) before the first sample, with estimated forces of 0.
+        """Return the filter's memories (lanes, size) before the first sample, with forces of 0.
 
-        `measured` (lanes, 2 n) is that sample, and `early` has the memories after it. The arm's constants are those of
-        the memories `known`.
+        `measured` (lanes, 2 n) is the first sample, `early` the policy's memories after it. `known` are memories of the
+        policy, from which constants, payload and delay are taken.
         """
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()

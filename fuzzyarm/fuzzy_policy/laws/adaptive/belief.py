@@ -160,7 +160,10 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
 
 
 def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
-    """Return the vector a (k,) of an arm with a payload [kg] and constants times `factors` (n,), named in `FACTORS`."""
+    """Return the vector a (k,) of an arm with a payload [kg].
+
+    `factors` (n,), by their names in `FACTORS`, multiply the arm's constants.
+    """
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
     drawn["dry_friction"] = drawn.pop("friction")

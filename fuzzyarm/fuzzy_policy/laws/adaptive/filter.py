@@ -21,8 +21,8 @@ means over about the last ten samples,
     s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
 Corrections by noise have random directions, and s is about 0.05; those by a moving force have one, and s goes to 1.
-Calm rises slowly and falls at once. The random walk of the forces is scaled by (1 - calm) + `calm_walk` calm. When calm
-falls, their variance also grows by `reopening` seconds of walk.
+The random walk of the forces is scaled by (1 - calm) + `calm_walk` calm. When calm falls, their variance also grows by
+`reopening` seconds of walk.
 
 A motor's torque may be wrong by the fraction w (Δu/u_max)² of its limit u_max, with w = `torque_doubt` and the largest
 jump Δu of the commands on their way to the motors. A wrong torque constant or delay acts through such jumps, and its
@@ -181,8 +181,8 @@ class Scratch:
     def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
         """Allocate the arrays.
 
-        `known` is a tip force [N] known beforehand, to which the estimated force is added: at this sample, at the
-        samples before it, and at the next one, (`KEPT` + 1, axes); None for no force.
+        `known` is a tip force [N] known beforehand, to which the estimated force is added; its rows (`KEPT` + 1, axes)
+        are for this sample, the samples before it, latest first, and the next one; None for no force.
         """
         n, N, axes, forces = physics.joints, len(s.spread), physics.axes, physics.axes + 1
 
@@ -218,7 +218,7 @@ class Scratch:
 
 
 def correct(m: Memory, s: Settings, room: Scratch, seen: Observation) -> None:
-    """Correct the estimate z and its covariance P unless the filter has diverged; fill `room.acted`, z for the law."""
+    """Correct the estimate z and P with a sample unless the filter has diverged; fill `room.acted`, the z to act on."""
     for i in each(len(room.acted)):  # also for a diverged filter, so that every entry is defined
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
@@ -252,10 +252,10 @@ def take_in(m: Memory, room: Scratch, seen: Observation) -> None:
 
 
 def begin(m: Memory, s: Settings, room: Scratch) -> None:
-    """Initialise z and P if the sample is the first one.
+    """Initialise z and P if the sample is the first one of an episode.
 
-    Then K_t (θ - q) = g(q) for the measured θ, the links have the motors' velocities, and p = p_0. Constants learned in
-    an earlier pass are kept; the loads are reset.
+    The initial z has the measured θ, q with K_t (θ - q) = g(q), links with the motors' velocities, and p = p_0; after
+    an earlier pass, only the forces of p are reset.
     """
     joints = len(m.noise)
     bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
@@ -304,9 +304,8 @@ def _note_noise(m: Memory, s: Settings, room: Scratch) -> None:
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
 
-    Without noise, e is 0 for a torque that is constant between two samples, and e hardly changes if the loop vibrates:
-    a vibration at ω caused by the commands appears as about (ωT)³/12 of its amplitude or less. σ² is the mean over all
-    samples from the third on (the first change of e), until the weight `share` has fallen to `_NOISE_SHARE`.
+    Without noise, e is 0 for a torque that is constant between two samples, and e hardly changes if the loop vibrates.
+    σ² is the mean over all samples from the third on, until the weight `share` has fallen to `_NOISE_SHARE`.
     """
     joints, samples = len(m.noise), m.flags[FLAG.samples]
     share = maximum(_NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
@@ -353,7 +352,10 @@ def update(m: Memory, s: Settings, room: Scratch) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Increase the variances of the delay and of the constants' common factor; `surprise` is mean ν²/s - 1."""
+    """Increase the variances of the delay and of the constants' common factor.
+
+    `surprise` is the mean of ν² relative to its expected value, minus 1.
+    """
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
     m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
@@ -404,8 +406,8 @@ def _confine(m: Memory, s: Settings) -> None:
 def _note_swing(m: Memory, s: Settings) -> None:
     """Include the last jump of the commands in their mean jump w, which is zero when an episode begins.
 
-    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load causes few large jumps, so that w stays small. If
-    motors are much stronger or more delayed than estimated, commands swing between limits, and w approaches 2.
+    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). If motors are much stronger or more delayed than
+    estimated, commands swing between limits, and w approaches 2.
     """
     jump: Any = 0.0
     for j in range(len(m.noise)):
@@ -458,7 +460,7 @@ def _summed(count: int, term: Callable[[Any], Any], start: Any = 0.0) -> Any:
 
 
 def _factorise(A: Any, L: Any) -> None:
-    """Fill the lower triangle L of A = L Lᵀ."""
+    """Fill the lower triangle of L, the Cholesky factor of A = L Lᵀ."""
     for i in each(len(A)):
         for j in each(i):
             L[i, j] = A[i, j]
@@ -519,10 +521,6 @@ def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
 
 
 def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
-    """Return the mean torque [N m] of a joint until the next sample, if commands act `lateness` periods late.
-
-    `commands` (commands, n) [N m] begin with the newest.
-    """
     whole = floor(lateness)
     rest = lateness - whole
     return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)
@@ -537,7 +535,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return ``commands[place, joint]`` [N m] by comparisons: no array index depends on data; place 0 is the newest."""
+    """Return ``commands[place, joint]`` [N m] by comparisons: no array index depends on data. Place 0 is the newest."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -545,7 +543,10 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 
 
 def fill(copies: _Copies, z: Any, room: Scratch) -> None:
-    """Fill the copies of the arm with states and forces from z and constants from `room`; their torques are kept."""
+    """Fill the copies of the arm with the state and the force of z and with the constants in `room`.
+
+    Their torques do not change.
+    """
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
         for i in each(states):
@@ -559,10 +560,11 @@ def fill(copies: _Copies, z: Any, room: Scratch) -> None:
 
 
 def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_slope: Any) -> None:
-    """Fill the copies: first z, then z with each entry increased by a step, then with each motor velocity decreased.
+    """Fill the copies of the arm for finite differences.
 
-    A motor velocity's step is its standard deviation, because a sticking joint would not respond to a small step.
-    `torque` (n,) [N m] is that of the motors, `torque_slope` (n,) its derivative with respect to the delay.
+    The first is for z, the next are for z with one entry increased by a step, the last for z with one motor velocity
+    reduced by a step. A motor velocity's step is its standard deviation, because a sticking joint would not respond to
+    a small step. `torque` (n,) [N m] is the motors', `torque_slope` (n,) its derivative with respect to the delay.
     """
     state, torques, force, numbers = room.copies
     joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
@@ -591,7 +593,7 @@ def _spread_copies(m: Memory, s: Settings, room: Scratch, torque: Any, torque_sl
 
 
 def _step(m: Memory, s: Settings, room: Scratch) -> None:
-    """Fill F, the next x differentiated with respect to z, from differences of `room.copies`; advance z and P."""
+    """Fill F = ∂x⁺/∂z, x⁺ the x at the next sample, from finite differences of `room.copies`; advance z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):

@@ -124,7 +124,7 @@ class AdaptiveObserverPolicy(LawPolicy):
     def _answer_of(self) -> Any:
         """Return the law as ``answer(memory, seen, given, *tables, known, admit)``.
 
-        `known` is that of `Scratch`, the others are those of `Law.act`.
+        `known` is that of `Scratch`; `admit` turns requested into applied torques; the others are those of `Law.act`.
         """
         physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)

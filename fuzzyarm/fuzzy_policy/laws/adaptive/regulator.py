@@ -71,7 +71,10 @@ def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeight
 
 @functools.lru_cache(maxsize=8)
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
-    """Return the regulator K (payloads · points, n · 4 n) [N m/rad, N m s/rad], with the points grouped by payload."""
+    """Return a table (payloads · postures, n · 4 n) of the regulator K [N m/rad, N m s/rad].
+
+    Each row is a K (n, 4 n), flattened; all postures of a payload have consecutive rows.
+    """
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
         found = feedback_gain(arm, control_period, loaded_inertia(arm, schedule, float(mass)), weights)
@@ -121,9 +124,9 @@ def act(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None:
 
 
 def _desire(z: Any, m: Memory, s: Settings, room: Scratch) -> None:
-    """Store in `room`, for the estimate z, the constants of the arm, and τ_d and the direction of travel per reference.
+    """Fill `room` for z with the arm's constants, and with τ_d and the direction of travel at each stored reference.
 
-    `room.line` and `room.directions` then give the tip force until the next sample.
+    `room.line` and `room.directions` are filled with force lines, see `Scratch`.
     """
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
@@ -195,10 +198,6 @@ def _command(z: Any, m: Memory, s: Settings, room: Scratch, torque: Any) -> None
 
 
 def _target(m: Memory, room: Scratch, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
-    """Return a joint's θ_d, θ̇_d, θ̈_d and u_ff, see `motor_target`, for its reference of `back` samples ago.
-
-    `drive` are its motor and spring by the estimate, `period` is T [s].
-    """
     q, dq, ddq = (m.references[back, order, joint] for order in range(3))
     torques = [room.link_torque[back + k, joint] for k in range(4)]
     return motor_target(torques, q, dq, ddq, drive, period)

@@ -72,8 +72,9 @@ def is_observer(folder: Path) -> bool:
 def read_bundle(
     folder: Path, schema: str, kind: type, build: Callable[[Any, dict[str, np.ndarray], Any], _Bundle]
 ) -> _Bundle:
-    """Read a bundle; return `build` of its description of type `kind`, arrays by name, and fields of `Trained`.
+    """Read a bundle and return ``build(description, arrays, trained)``.
 
+    The description is a `kind`; the arrays and the fields of `Trained` are given by name.
     BundleError if a file is missing, too large, damaged or of another schema, if the digest of the weights differs, if
     an array is not in single precision, or if the parts do not fit together.
     """

@@ -62,7 +62,10 @@ _LEAK = 0.1  # s
 
 
 def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return ``FuzzyArmLearn-v0`` features; `history` > 0 adds error integrals, `history` past errors and actions."""
+    """Return the features of ``FuzzyArmLearn-v0``.
+
+    If `history` > 0, the features include error integrals and the last `history` errors and actions.
+    """
     return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
@@ -93,7 +96,7 @@ class ActionDefinition:
 
     @property
     def smoothing(self) -> float:
-        """The factor λ of the low-pass of actions, 0 for none."""
+        """The λ in the low-pass filter a_k = λ a_(k-1) + (1 - λ) b_k of the network's outputs b_k; 0: no filter."""
         period, time = float(self.period), float(self.smoothing_time)
         return math.exp(-period / time) if time > 0.0 else 0.0
 

@@ -118,7 +118,7 @@ class Features:
         )
 
     def command(self, memory: _Remembered, torque: Any) -> _Remembered:
-        """Return the memory with a new newest excess torque: `torque` (n,) [N m], clipped to its limits, minus u_ff."""
+        """Return the memory with `torque` (n,) [N m], clipped to its limits, less u_ff, as the newest excess torque."""
         if not memory.excess:
             return memory
         parts = zip(torque, self._limit, memory.feedforward, strict=True)
@@ -195,9 +195,9 @@ class FeatureLanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Turn the scaled actions in `torque` (lanes, n) into torques [N m], in place.
+        """Replace the scaled actions in `torque` (lanes, n) by torques [N m]; advance `memory` and the base's `held`.
 
-        `action` has the actions before scaling. `memory` and the base law's memory `held` are advanced.
+        `action` (lanes, n) has these actions before scaling, for `memory`.
         """
         self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 

@@ -3,7 +3,7 @@
     h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
 where s is tanh or max(x, 0), and o is tanh or clips to ±1. PPO trains a Gaussian policy, with its mean from the last
-layer; SAC and TQC train the tanh of a Gaussian. The shipped policy uses the mean.
+layer; SAC and TQC train the tanh of a Gaussian.
 
 tanh, the logistic function and asinh are computed from +, -, *, / and the square root, which IEEE 754 rounds correctly,
 not by the C library, whose last digits differ between machines.
@@ -65,8 +65,8 @@ def logistic(x: Any) -> Any:
 def area_sine(x: Any) -> Any:
     """Return asinh x = ln(1 + f), f = |x| + x²/(1 + √(1 + x²)), with the sign of x; relative error below 1e-15.
 
-    ln m = k ln 2 + 2 artanh(g/(g + 2)) with m = 2^k (1 + g), 1/√2 < 1 + g <= √2, by a Taylor polynomial of degree 21.
-    An |x| beyond 2^60 counts as 2^60.
+    With 1 + f = 2^k (1 + g) and 1/√2 < 1 + g <= √2, ln(1 + f) = k ln 2 + 2 artanh(g/(g + 2)), where artanh is a Taylor
+    polynomial of degree 21. An |x| beyond 2^60 counts as 2^60.
     """
     size = select(abs(x) > _LARGEST, _LARGEST, abs(x))
     square = size * size
@@ -121,7 +121,7 @@ def real_array(name: str, array: Any, axes: int) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cell:
-    """The arrays of the recurrent equations in the module's docstring; the rows of i, r, g and o follow each other."""
+    """The arrays of the recurrent equations in the module's docstring; the rows are for i, then for r, g and o."""
 
     weight_x: np.ndarray  # W_x, (4 hidden, inputs)
     weight_h: np.ndarray  # W_h, (4 hidden, hidden)
@@ -143,12 +143,12 @@ class Cell:
 
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """The arguments of `advance` in double precision: the transposed matrices, and b."""
+        """The last arguments of `advance`, in double precision: the transposed matrices, and b."""
         arrays = self.weight_x.T, self.weight_h.T, self.bias
         return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
 
     def advance(self, x: Any, memory: Any, of_x: Any, of_h: Any, bias: Any) -> Any:
-        """Return h⁺ as an array (hidden,) for x (inputs,), and advance the memory (2 hidden,), which is h, then m."""
+        """Return h⁺ (hidden,) for x (inputs,) and the arrays in `tables`; advance `memory` (2 hidden,), h, then m."""
         hidden, sums, output = self.hidden, array(_GATES * self.hidden), array(self.hidden)
         for k in each(len(sums)):
             sums[k] = bias[k]
@@ -226,11 +226,11 @@ class Network:
 
     @property
     def memory(self) -> Any:
-        """The layout of a lane's memory: h, then m, or () without a cell; zeros when an episode begins."""
+        """The layout of a lane's memory: the recurrent cell's h, then m, zeros at first; () if there is no cell."""
         return Cells((2 * self.cell.hidden,)) if self.cell is not None else ()
 
     def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:
-        """Return the action for `features` (inputs,), given the property `tables`; a cell changes `memory` in place."""
+        """Return the action for `features` (inputs,) and the arrays `tables`; a recurrent cell changes `memory`."""
         mean, std, *layers = tables
         before, sizes = array(len(mean)), self.sizes
         for k in each(len(mean)):

@@ -66,15 +66,15 @@ class _EstimateMemory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """The elastic and the adaptive observer with a network; its memory is an `_EstimateMemory`. See the module."""
+    """The policy `learned-observer`; its law is in the module's docstring, its memory is an `_EstimateMemory`."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
     ) -> None:
-        """Design both observers for the control period [s] and the arm as the policy knows it (default: Table 1).
+        """Design the elastic and the adaptive observer for T [s] and the arm as the policy knows it (default Table 1).
 
-        ValueError if the control period is out of range, there are no gains for these arguments, or the network is for
-        another number of joints or axes.
+        `network` gives the residual torque. ValueError if the control period is out of range, there are no gains for
+        these arguments, or the network is for another number of joints or axes.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         arm, physics = self.parameters, equations_of(self.parameters)

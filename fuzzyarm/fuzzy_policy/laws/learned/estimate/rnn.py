@@ -8,8 +8,9 @@ episode begins). A gated recurrent unit with no bias in the candidate gives
     ρ = clip(m g (V (h⁺∘w) + G (h⁺∘w)∘Δ + D z), ±1),    w = 1 + W tanh(P c + p_0),
 
 with Δ = (u_a - u_o)/R for u_a, u_o and R of `signals`, and g = |δ|²/(|δ|² + δ_0²) for the load δ in z, δ_0 = `QUIET`.
-The entry m of c is 0 where the reference is at rest. G determines how far the law goes beyond u_a. z = 0 and h = 0 give
-ρ = 0 exactly, for any c. At rest or for δ = 0, ρ and its slope are zero.
+All matrices, s_0, r_0 and p_0 are learned. m is the last entry of c, 0 where the reference is at rest. G determines how
+far the law goes beyond u_a. z = 0 and h = 0 give ρ = 0 exactly, for any c. For m = 0 or δ = 0, ρ and its derivatives
+with respect to z and h are zero.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ LARGEST_MEMORY = 512  # entries of h and of tanh(P c); a larger network is refus
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the arrays by name, for `hidden` entries of h and `modulation` entries of tanh(P c).
 
-    Names are the fields of `EstimateNetwork`; shapes are (rows, columns), for `joints` joints and `axes` tip axes.
+    Names are the fields of `EstimateNetwork`; shapes are (rows, columns).
     """
     gates = _GATES * hidden
     unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
@@ -150,7 +151,7 @@ def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
 def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
     """Return the network's output ρ, joint by joint, for its inputs z and c, and advance its memory h (hidden,).
 
-    `gap` is u_a - u_o and `torques` R, both [N m]; `n` are its arrays, for `axes` tip axes.
+    `gap` is u_a - u_o and `torques` is R, both [N m]; `n` contains the network's arrays, for `axes` tip axes.
     """
     hidden, total, follow = len(h), array(1), array(1)
     w = array(hidden)

@@ -6,9 +6,9 @@ and velocity), u_a and u_o the torques of the two observers, and l = (forces, pa
     z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last output ρ, asinh((l - l_0)/l_1)),
     a(ν) = asinh(ν/s),    b(ν) = asinh(ν/S) ν²/(s² + ν²),
 
-with κ = `GAP_SHARE` and the `Units` R, s, S and l_1 of an arm. a(ν) resolves small innovations; b(ν) is linear in large
-ones and flat about zero. d̂ is the load on the links estimated by the elastic observer. z vanishes where everything is
-explained and the arm is on its target. The observation and the beliefs give
+with κ = `GAP_SHARE`, the initial guess l_0 of l, and the `Units` R, s, S, l_1, v_0 and v_1 of an arm. a(ν) resolves
+small innovations; b(ν) is linear in large ones and flat about zero. d̂ is the load on the links estimated by the elastic
+observer. z vanishes where everything is explained and the arm is on its target. The observation and the beliefs give
 
     c = (cos and sin of ψ_1, ..., ψ_n, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e,
          beliefs about delay and noise, m),
@@ -73,11 +73,10 @@ class _Scale(NamedTuple):
 
 
 def scale_of(arm: AnyArm) -> _Scale:
-    """Return the size of an arm relative to Table 1.
+    """Return the size of an arm relative to Table 1: ratios of tip force, mass and reach.
 
-    For the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
-    reach. A robot's last motors may be far weaker than its first, so its forces and masses use the same share of a
-    torque limit as those of Table 1, see `load_scale`.
+    The tip force of the two-joint arm is the first motor's torque limit over the reach. The last motors of a robot may
+    be far weaker than the first, so that `load_scale` gives the robot's ratios of force and mass.
     """
     paper = ArmParameters()
     if isinstance(arm, Robot):
@@ -164,9 +163,9 @@ def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _U
 def see_unexplained(
     innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: _UnexplainedParts
 ) -> None:
-    """Fill entries of z with the first four arguments, scaled by `units`; `parts` are its slices.
+    """Fill the slices of z in `parts` that belong to the first four arguments; `units` scale them.
 
-    These are ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o, (n,) [N m] each, and the last ρ (n,).
+    These arguments are ν_o (2 n,) [rad, rad/s], d̂ (n,) [N m], u_a - u_o (n,) [N m], and ρ (n,) of the previous sample.
     """
     _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
     seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
