@@ -116,7 +116,7 @@ class Program:
     def moved(self, operation: str, detail: Any) -> Symbol:
         """Record an operation, with `detail` as in `Symbol`, and return its symbol.
 
-        It depends on earlier writes, so it stays at this place, and no equal one is reused.
+        The operation depends on earlier writes, so it stays at this place and replaces no equal operation.
         """
         symbol = Symbol(self, operation, (), self.now, detail=detail)
         self.now.items.append(symbol)

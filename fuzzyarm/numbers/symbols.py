@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region run `count` times. Each run turns numbers `inside` into `end`, the whole loop `start` into `after`."""
+    """A region run `count` times. Each run computes `end` from `inside`, the whole loop `after` from `start`."""
 
     count: Any
     region: Region

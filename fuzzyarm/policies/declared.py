@@ -191,7 +191,7 @@ def declared_by_name(name: str) -> Declared | None:
 
 
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:
-    """Return a policy's declaration before `declared` adapts it to arm, tip and passes along the path, or None."""
+    """Return a policy's declaration, None without one, before `declared` adapts it to arm, tip and passes."""
     path = spec.path
     if spec.shield is not None and spec.kind is not Kind.CODE:
         base, guest = declared(spec.shield.law), declared(spec.shield.guest)

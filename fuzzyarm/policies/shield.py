@@ -71,7 +71,7 @@ def shielded_of(spec: PolicySpec, control_period: float, robot: Any, allow_unpro
 
 
 class _Beside:
-    """A law with a guest of any kind; the state is the pair of the law's state and the guest's."""
+    """A law that limits a guest, any other policy; the state is the pair of the law's state and the guest's."""
 
     def __init__(self, alone: ShieldedPolicy, guest: UserPolicy) -> None:
         self._law, self._margin, self._guest = alone.law, np.array(alone.margin), guest

@@ -121,7 +121,7 @@ class _Bound:
         return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
-        """Return ρ̄_j at an instant (motion `start`), and a bound on it up to `half` T from there (motion `ball`)."""
+        """Return ρ̄_j at an instant (motion `start`), and a bound on it for t within ± `half` T (motion `ball`)."""
         value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
         for order, rows in self.rows:
             # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints

@@ -415,7 +415,7 @@ class _Motion:
         self._nodes, self._discs = every[:_NODES], every[_NODES:]
 
     def at(self, s: Any) -> list[list[Any]]:
-        """Return angles, velocities, accelerations of (θ_1, θ_2, q_1, q_2); on the segment, s goes from -1 to 1."""
+        """Return the angles, velocities and accelerations of (θ_1, θ_2, q_1, q_2) at s, -1 to 1 on the segment."""
         powers = [s**i for i in range(8)]
         return [[_dot(row, powers) for row in part] for part in self.polynomials]
 

@@ -34,7 +34,7 @@ _LOST = int(Termination.LOST)
 class LaneData(NamedTuple):
     """The data of the lanes between steps, of shape (n,) each; everything else follows from them.
 
-    `numbers` are the entries of the state, in float32 followed by the rounding errors of the angles; `key` is the key
+    `numbers` are the entries of the state; in float32, the angles' rounding errors follow them. `key` is the key
     of the episode's random stream and `step` the number of steps of the episode so far, both int64.
     """
 

@@ -1,4 +1,4 @@
-"""`fuzzyarm bench`: measure steps per second."""
+"""`fuzzyarm bench`: measure control steps per second."""
 
 import contextlib
 from dataclasses import dataclass

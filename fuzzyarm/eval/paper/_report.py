@@ -56,7 +56,7 @@ def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path)
 
 @dataclasses.dataclass(frozen=True)
 class _Value:
-    """One number of a claim: the stored value and the value measured now; its text also has the allowed difference."""
+    """One number of a claim, as stored and as measured now; `str` also shows the allowed difference."""
 
     claim: PaperNumber
     label: str

@@ -145,9 +145,9 @@ class Evidence:
     # Measures of the inequalities and of their solutions.
 
     def fewest_rules(self) -> dict[str, float]:
-        """Return, under "fewest rules", the fewest rules for which Theorem 2 is proven (0: none).
+        """Return, under "fewest rules", the fewest rules with which Theorem 2 is proven (0: with none).
 
-        The other entry is the number of controller files that prove it; its key says out of how many.
+        The other entry is the number of controller files for which it is proven; its key says out of how many.
         """
         proven = [self.witnesses[name].model.rules for name in _WITNESSES if name in self.proven]
         return {"fewest rules": min(proven, default=0), f"proven of {len(_WITNESSES)} witnesses": len(proven)}
@@ -167,7 +167,7 @@ class Evidence:
         return result
 
     def largest_gain(self, columns: str) -> dict[str, float]:
-        """Return the largest |entry| of [K H] in POSITION, VELOCITY or INTEGRAL columns, by key of the printed form."""
+        """Return, by printed controller, the largest |entry| of [K H] in POSITION, VELOCITY or INTEGRAL `columns`."""
         return {key: _peak(one.gains[..., getattr(ts_model, columns)]) for key, one in self._printed.items()}
 
     def largest_feedforward_gain(self) -> dict[str, float]:

@@ -132,9 +132,9 @@ def _truth(part: str, loads: Disturbance, time: float) -> str:
 
 
 def _with_deviation(value: float, deviation: float) -> str:
-    """Return the text "value ± deviation", or "none" if a number is not finite.
+    """Return the text "value ± deviation", or "none" if either is not finite.
 
-    Both numbers have as many decimals as two digits of the deviation need, at most four.
+    Both have as many decimals as two significant digits of the deviation need, at most four.
     """
     if not (math.isfinite(value) and math.isfinite(deviation)):
         return "none"

@@ -258,7 +258,7 @@ class _FrozenArm:
         self.q_motor, self.dq_motor = at.motor, at.motor_velocity
 
     def start(self) -> np.ndarray:
-        """Return a first guess of the equilibrium: the arm at the posture, the memory after one call.
+        """Return a first guess of the equilibrium: the arm at the posture, the memory after one call of the policy.
 
         If a torque is clipped there, return the point that the loop reaches `_SETTLING` periods later.
         """
@@ -313,7 +313,7 @@ class _FrozenArm:
         """Return torques and next memory (lanes, r + m) at points (lanes, n + m).
 
         The plant has n states and r joints, the memory m entries. Points without memory (lanes, n) begin an episode.
-        `moved` (lanes, 3 r) is added to the held reference.
+        `moved` (lanes, 3 r) is added to the held reference, angles first.
         """
         reference = np.tile(self.reference, (len(points), 1)) + moved
         observation = np.hstack([points[:, self.q_motor], points[:, self.dq_motor], reference])

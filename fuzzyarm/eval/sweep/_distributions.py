@@ -85,8 +85,8 @@ def column_label(name: str, *, together: int | None = None) -> str:
 class Distribution(DomainRandomisation):
     """Ranges from which plants are drawn: the environment's domain randomisation, encoder noise and control delay.
 
-    `noise` is a factor of the encoder noise `NOISE`, 0 to 1e6; `delay` is the delay of the motors' torques in whole
-    control periods, 0 to 100.
+    Ranges are pairs (low, high): `noise` of a factor on `NOISE`, within 0 to 1e6; `delay` of the torques' delay, within
+    0 to 100 whole control periods.
 
     Raises:
         TypeError: a range is not a pair of numbers.

@@ -51,9 +51,9 @@ class _Cells(NamedTuple):
         return cls(tuple(edges), np.stack(places, axis=1))
 
     def medians(self, errors: np.ndarray) -> np.ndarray:
-        """Return the median error [mm] of the plants in each cell, (up, across).
+        """Return the median of `errors` (plants,) [mm] in each cell, (up, across).
 
-        It is inf if the episodes of more than half of them ended early, and nan if the cell is empty.
+        The median is inf if more than half of the episodes ended early (error inf), and nan if the cell is empty.
         """
         across, up = (len(edges) - 1 for edges in self.edges)
         flat, order = self.places[:, 1] * across + self.places[:, 0], np.argsort(errors, kind="stable")

@@ -1,6 +1,6 @@
 """A ranking of policies over random plants, from the files of sweeps, best first.
 
-The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]. Its
+The score of a policy [mm] is the largest, over the cases, of the plants' 99 % quantile of the largest tip error. Its
 interval reaches from the largest of the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the
 upper ends. A policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that
 have one, by the share of such episodes.
@@ -105,7 +105,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
 
 
 def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], dict[str, Any], str]:
-    """Return a file's standings, by name the conditions that ranked files must share, and a text on release and arm."""
+    """Return a file's standings, the conditions by name that ranked files must share, and version and arm in words."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:

@@ -51,8 +51,8 @@ _RUN = "run.json"
 class Sweep:
     """A sweep in its folder, with its policies loaded.
 
-    `specs` has by label the specs of the policies (user code named there may run), `policies` the policies loaded for
-    the robot of `config`. `digest` is the digest of everything on which the results depend.
+    `specs` maps labels to the policies' specs (user code named there may run), `policies` to the policies for the robot
+    of `config`. `digest` is the digest of everything on which the results depend.
     """
 
     folder: Path

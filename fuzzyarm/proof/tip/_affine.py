@@ -100,7 +100,7 @@ class Space:
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return enclosures of y + sign Σ w_c G_c x for all G_c that the corners (row, w_c) may select in a table."""
+        """Return enclosures of y + sign Σ w_c G_c x for all rows G_c of `table` that corners (row, w_c) may select."""
         found = []
         for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
             at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]

@@ -118,7 +118,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return affine numbers of `space` as a `Response`: large unknowns and β as columns, small ones in the box."""
+    """Return affine numbers of `space` as a `Response`: large unknowns and rests as columns, small ones in the box."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

@@ -86,7 +86,7 @@ class Zonotope:
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
     def condensed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return columns (s, n) and a box (s,) that enclose this set of x (s,); s columns replace the small ones."""
+        """Return columns (s, n) and a box (s,) that enclose this set of x (s,); s columns replace all small ones."""
         columns, totals = self.columns, self.totals()
         box = self.box + len(self.box) * SLACK * totals
         if columns.shape[1] <= _FEW + len(columns):

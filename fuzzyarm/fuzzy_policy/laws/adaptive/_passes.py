@@ -274,8 +274,8 @@ class _Smoother:
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Return the filter's memories (lanes, size) before the first sample, with forces of 0.
 
-        `measured` (lanes, 2 n) is the first sample, `early` the policy's memories after it. `known` are memories of the
-        policy, from which constants, payload and delay are taken.
+        `measured` (lanes, 2 n) is the first sample, `early` the policy's memories just after it. Constants, payload and
+        delay are copied from the policy's memories `known`.
         """
         at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
