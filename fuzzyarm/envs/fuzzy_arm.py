@@ -314,7 +314,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
-        """Add the episode's random draws to `info`; add its vectors to the trace from which pictures are drawn."""
+        """Add the episode's draws to `info`, and the vectors in `info` to the trace from which pictures are drawn."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:

@@ -253,7 +253,7 @@ class Training:
         return earlier_wall + wall - begun_wall, earlier_cpu + cpu - begun_cpu
 
     def _csv(self, rows: Sequence[dict[str, Any]], header: bool = False) -> str:
-        """Return rows of the curve as text; a column that a row lacks stays empty."""
+        """Return rows of the learning curve as CSV, after a `header`; a column that a row lacks stays empty."""
         columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
         return csv_text(rows, columns, header=header)
 

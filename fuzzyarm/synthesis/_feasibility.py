@@ -39,10 +39,10 @@ _LIMITS = {
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, or a `NoPoint` that says why; with `vertex`, only for that vertex of A.
+    """Return a solution of a specification, or a `NoPoint` that says why not; with `vertex`, only for this vertex of A.
 
     Several scales of P are tried in turn. In the paper's form, γ is lowered in steps as long as there is a point: a
-    cone program that minimises γ² would be too badly scaled, since d and r differ by decades.
+    cone program that minimises γ² would be too badly scaled, since d and r differ by orders of magnitude.
     """
     if specification.gamma is None and specification.form == "paper":
         best, gamma, ratio = None, PAPER_GAMMA, 4.0

@@ -127,7 +127,7 @@ def tabulated(
     family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables with a row every `control_period` [s]; each lane's scenario number and `payload_place`, both (n,).
+    """Return tables with a row every `control_period` [s]; each lane's scenario number and payload place, both (n,).
 
     There is one scenario for all n lanes or one per lane; `plant_of` (n,) is the number of each lane's plant. Episodes
     without a reference draw one from `family`.

@@ -1,4 +1,4 @@
-"""The tables of results, and one-line certificates."""
+"""The tables of an evaluation, and its certificates in lines."""
 
 from __future__ import annotations
 

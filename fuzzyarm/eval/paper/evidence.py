@@ -88,9 +88,9 @@ _OTHER_FEEDFORWARDS = {"the consistent form's L": _SWAPPED, "the paper's L_1k": 
 class Evidence:
     """The data behind the claims, and their measures: methods that return values by label.
 
-    A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
-    controller. `smallest_gamma` has the smallest γ, to 1 %, at which "printed-4" is proven with its own P, Q, X, τ and
-    M and the feedforward gains L of each of two other controllers. With its own L it is proven at γ = 1000.
+    A label is the key of a controller in `TITLES` or a phrase; a measure of rollouts has a value for every
+    controller. `smallest_gamma` maps two other controllers to the smallest γ, to 1 %, at which "printed-4" is proven
+    with its own P, Q, X, τ and M and their feedforward gains L. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion

@@ -228,7 +228,7 @@ def _run_chunk(
 
 @functools.cache
 def _made_with() -> dict[str, str]:
-    """Return the versions that this process computes with, and the digest of the package's files."""
+    """Return the versions of this process's software, and the digest of the package's files."""
     digest, root = hashlib.sha256(), Path(fuzzyarm.__file__).parent
     for file in sorted(root.rglob("*")):
         if file.is_file() and "__pycache__" not in file.parts:

@@ -4,8 +4,8 @@ At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and 
 
     f_k = (s(e_k/E), s(ė_k/V), q_d, q̇_d/D, q̈_d/A, s(e_(k-1)/E), ..., s(e_(k-n)/E), a_(k-1), ..., a_(k-m), s(x_k/X))
 
-with scales E, V, D, A, X and U, s(x) = asinh(x)/c, which is linear for small errors and compresses large ones, and the
-leaky integral
+with scales E, V, D, A, X and U, s(x) = asinh(x)/c, with a constant c, which compresses large errors, and the leaky
+integral
 
     x_(k+1) = (x_k + T e_k) exp(-T/τ).
 
