@@ -12,8 +12,8 @@ as in `Policy.predict`: ``observation`` (10,) from `FuzzyArmEnv`, ``action`` (2,
 anything that the policy needs at the next call, None when an episode begins. A policy that stores its memory elsewhere
 must reset it when ``episode_start`` is true.
 
-That is enough for `fuzzyarm evaluate`. Tools that run many arms at once pass observations (lanes, 10) and need actions
-(lanes, 2) and a state with one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None
+Tools that run many arms at once, unlike `fuzzyarm evaluate`, pass observations (lanes, 10) and need actions (lanes, 2)
+and a state with one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None
 or an array (lanes, m). Optional attributes are:
 
     action_period              time for which an action is held [s]

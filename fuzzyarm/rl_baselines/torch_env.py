@@ -80,19 +80,18 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     Later steps do not change the tensors that a step returned. `state` and `randomisation_info` are for privileged
     critics.
 
-    With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step,
-    also while motors stick: they are then 0, since the velocity stays 0 under any small change. At a border (a motor at
-    the torque that frees it, a torque at its limit, a tip on its target) no derivative exists, and the gradient is the
-    one on one side, the mean of both, or 0. A torque beyond its limit has gradient 0. Gradients do not cross episodes.
-    The state carries the graph of all steps since `reset` or `detach`.
+    With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step, 0
+    while a motor sticks. At a border (a motor at the torque that frees it, a torque at its limit, a tip on its target)
+    the gradient is that of one side, the mean of both, or 0. A torque beyond its limit has gradient 0. Gradients do not
+    cross episodes. The state carries the graph of all steps since `reset` or `detach`.
 
     Args:
         num_envs: number of lanes n.
         device: device of all tensors.
         dtype: torch.float32 or torch.float64, for the state, the physics and all results. Over the paper's episodes the
             tip of the float32 arm stays within 0.1 µm of the float64 one (the sub-step itself costs 0.2 to 0.9 µm).
-        compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
-            finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
+        compiled: compile the step with torch.compile, at the first step (half a minute or more, less with a
+            filled cache of torch). On the CPU this needs a C++ compiler.
         differentiable: let gradients flow from what a step returns, and from `state`, to this action and earlier ones.
         case, disturbance, reference, parameters, robot, control_period, substep, randomisation: as for `FuzzyArmEnv`,
             one for all lanes.
