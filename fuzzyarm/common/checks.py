@@ -63,7 +63,7 @@ def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> in
 
 
 def reals(name: str, values: Any, count: int | range, unit: str = "", **bounds: float) -> tuple[float, ...]:
-    """Return `values`, finite real numbers, as floats; `count` is their allowed number, or a range of it."""
+    """Return finite real `values` as floats; `count` is their number, or a range of it; `bounds` as for `real`."""
     counts = count if isinstance(count, range) else (count,)
     if not any(is_sequence(values, size) for size in counts):
         kind = ValueError if _is_sequence(values) else TypeError
